@@ -1,0 +1,3 @@
+//! (Scan, Proxy, Capture) → Binding: space, landmarks, labels, placement, handles.
+
+pub mod landmarks;

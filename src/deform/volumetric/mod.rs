@@ -1,0 +1,1 @@
+//! The volumetric deformer of Stoll et al. 2007.

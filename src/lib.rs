@@ -1,0 +1,19 @@
+//! `retarget` makes a laser scan (or any mesh) move like the person, animal or machine that was captured.
+//!
+//! ```text
+//!  SCAN file ──► scan ──► proxy ──┐
+//!                                 ├──► binding ──► deform ──► surface ──► export ──► OUT files
+//!  CAPTURE file ──► capture ──────┘     (handles)   (proxy pose)  (scan pose)
+//! ```
+
+pub mod binding;
+pub mod capture;
+pub mod deform;
+pub mod error;
+pub mod export;
+pub mod linalg;
+pub mod proxy;
+pub mod scan;
+pub mod space;
+pub mod spatial;
+pub mod surface;

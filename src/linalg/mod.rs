@@ -1,0 +1,21 @@
+//! Sparse rows, the Cholesky factor, rotations. Imports nobody.
+
+/// A sparse linear functional over proxy vertices: `Σ values[i] · p[indices[i]]`. Indices ascend and are unique.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SparseRow {
+    /// Vertices.
+    pub indices: Vec<u32>,
+    /// Their coefficients.
+    pub values: Vec<f64>,
+}
+
+impl SparseRow {
+    /// The row applied to points.
+    pub fn apply(&self, points: &[glam::DVec3]) -> glam::DVec3 {
+        let mut sum = glam::DVec3::ZERO;
+        for (&i, &v) in self.indices.iter().zip(&self.values) {
+            sum += points[i as usize] * v;
+        }
+        sum
+    }
+}

@@ -1,0 +1,3 @@
+//! The `retarget` program.
+
+fn main() {}

@@ -1,0 +1,20 @@
+//! Scan → [`Proxy`]: the coarse tetrahedral body that the deformer poses.
+
+use glam::DVec3;
+
+pub mod rows;
+
+/// A tetrahedral body around or inside a scan, in the unit box of the scan (see [`crate::scan::UnitBox`]).
+#[derive(Clone, Debug, Default)]
+pub struct Proxy {
+    /// Rest positions; every vertex belongs to a tetrahedron.
+    pub rest: Vec<DVec3>,
+    /// Tetrahedra of positive volume (flat ones are removed from this list once the boundary is known).
+    pub tets: Vec<[u32; 4]>,
+    /// Triangles that bound the body, seen from outside counter-clockwise.
+    pub boundary: Vec<[u32; 3]>,
+    /// Tetrahedron behind each boundary triangle (index into `tets`); where that one was flat, a counted neighbour.
+    pub boundary_tets: Vec<u32>,
+    /// Component of each tetrahedron, numbered from 0.
+    pub components: Vec<u32>,
+}

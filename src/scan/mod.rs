@@ -1,0 +1,181 @@
+//! Mesh files → [`Scan`]. One file per format; everything that the file says is kept in the file's own order, unit and axes.
+
+use crate::error::Notes;
+use crate::space::Space;
+use glam::DVec3;
+use std::path::PathBuf;
+
+/// Marks a corner without uv, a face without material, and the like.
+pub const NONE: u32 = u32::MAX;
+
+/// A mesh as its file holds it, with its looks.
+#[derive(Clone, Debug, Default)]
+pub struct Scan {
+    /// Vertices and faces.
+    pub mesh: SurfaceMesh,
+    /// Texture coordinates, colours, materials, groups.
+    pub look: Appearance,
+    /// What the file says of unit and axes.
+    pub space: Space,
+    /// The file it came from.
+    pub source: PathBuf,
+    /// What was doubtful about the file.
+    pub notes: Notes,
+}
+
+/// Vertices and polygons, in the file's order; vertices that no face uses are kept.
+#[derive(Clone, Debug, Default)]
+pub struct SurfaceMesh {
+    /// Positions in the scan's own unit and axes.
+    pub positions: Vec<DVec3>,
+    /// Polygons over `positions`.
+    pub faces: Faces,
+}
+
+/// Polygons in one array: face `f` is `corners[starts[f]..starts[f + 1]]`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Faces {
+    /// Where each face begins, and the end: one more than there are faces.
+    pub starts: Vec<u32>,
+    /// Vertex of each corner.
+    pub corners: Vec<u32>,
+}
+
+impl Default for Faces {
+    fn default() -> Self {
+        Self { starts: vec![0], corners: Vec::new() }
+    }
+}
+
+impl Faces {
+    /// Number of faces.
+    pub fn len(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// Whether there is no face.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Adds a face.
+    pub fn push(&mut self, corners: impl IntoIterator<Item = u32>) {
+        self.corners.extend(corners);
+        self.starts.push(self.corners.len() as u32);
+    }
+
+    /// Range of the corners of face `f`.
+    pub fn range(&self, f: usize) -> std::ops::Range<usize> {
+        self.starts[f] as usize..self.starts[f + 1] as usize
+    }
+
+    /// Vertices of face `f`.
+    pub fn face(&self, f: usize) -> &[u32] {
+        &self.corners[self.range(f)]
+    }
+
+    /// The faces in order.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = &[u32]> {
+        (0..self.len()).map(|f| self.face(f))
+    }
+}
+
+/// Everything about a scan that is not its shape. Arrays are empty where the file has nothing of the kind.
+#[derive(Clone, Debug, Default)]
+pub struct Appearance {
+    /// Texture coordinates, origin at the bottom left (the OBJ convention).
+    pub uvs: Vec<[f32; 2]>,
+    /// Index into `uvs` per corner, or [`NONE`].
+    pub corner_uvs: Vec<u32>,
+    /// The file's normal index per corner, or [`NONE`]: corners of one vertex with different indices are a hard edge.
+    /// The normals themselves are not kept, since they change with the pose.
+    pub corner_normals: Vec<u32>,
+    /// RGBA per vertex, 0 to 1 as stored in the file (sRGB by convention).
+    pub colors: Vec<[f32; 4]>,
+    /// Whether the file's colours have an alpha.
+    pub colors_have_alpha: bool,
+    /// Materials in the order of their first use.
+    pub materials: Vec<Material>,
+    /// Index into `materials` per face, or [`NONE`].
+    pub face_materials: Vec<u32>,
+    /// Material libraries that the file names.
+    pub material_libraries: Vec<String>,
+    /// Objects and groups in the order of their first use.
+    pub groups: Vec<Group>,
+    /// Index into `groups` per face, or [`NONE`].
+    pub face_groups: Vec<u32>,
+}
+
+/// An `o`/`g` section of an OBJ file.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Group {
+    /// Name of the object, if any.
+    pub object: Option<String>,
+    /// Names of the groups, as written after `g`.
+    pub group: Option<String>,
+}
+
+/// A surface material in the terms that glTF can carry.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// Its name.
+    pub name: String,
+    /// Linear RGBA factor.
+    pub base_color: [f32; 4],
+    /// Image file of the base colour, resolved against the scan's folder.
+    pub base_color_texture: Option<PathBuf>,
+    /// Image file of the tangent-space normals.
+    pub normal_texture: Option<PathBuf>,
+    /// Emitted light, linear RGB.
+    pub emissive: [f32; 3],
+    /// 0 (dielectric) to 1 (metal).
+    pub metallic: f32,
+    /// 0 (mirror) to 1 (matt).
+    pub roughness: f32,
+    /// Whether alpha blends.
+    pub blend: bool,
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self {
+            name: String::new(),
+            base_color: [1.0; 4],
+            base_color_texture: None,
+            normal_texture: None,
+            emissive: [0.0; 3],
+            metallic: 0.0,
+            roughness: 1.0,
+            blend: false,
+        }
+    }
+}
+
+/// Shift and scale between the scan's own space and the unit box that everything inside works in: centre 0, diagonal 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UnitBox {
+    /// Centre of the bounding box, in the scan's unit.
+    pub centre: DVec3,
+    /// Diagonal of the bounding box, in the scan's unit; positive.
+    pub diagonal: f64,
+}
+
+impl UnitBox {
+    /// The box of the vertices that faces use; `None` if there is no extent.
+    pub fn of(mesh: &SurfaceMesh) -> Option<Self> {
+        let used = mesh.faces.corners.iter().map(|&v| mesh.positions[v as usize]);
+        let (lo, hi) = used.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
+        let diagonal = (hi - lo).length();
+        (diagonal.is_finite() && diagonal > 0.0).then_some(Self { centre: lo + (hi - lo) * 0.5, diagonal })
+    }
+
+    /// From the scan's space into the unit box.
+    pub fn enter(&self, p: DVec3) -> DVec3 {
+        (p - self.centre) / self.diagonal
+    }
+
+    /// From the unit box back into the scan's space.
+    pub fn leave(&self, p: DVec3) -> DVec3 {
+        p * self.diagonal + self.centre
+    }
+}
