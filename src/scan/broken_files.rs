@@ -47,7 +47,7 @@ fn flaws_name_their_lines() {
     fails("nan_inf.obj", &["'nan' is not a finite number", "vertex 6", "lines 6, 18 and 31"]);
     fails("index_out_of_range.obj", &["index 99", "lines 15 and 16"]);
     fails("exponents_commas.obj", &["'1.d0'", "lines 3 and 4"]);
-    fails("ply_count_lie_vertices.ply", &["element 'vertex'", "too many values", "line 137"]);
+    fails("ply_count_lie_vertices.ply", &["element 'vertex'", "too many values", "line 138"]);
     fails("ply_count_lie_huge.ply", &["4000000000"]);
     fails("ply_truncated_binary.ply", &["ends within row", "face"]);
     fails("ply_negative_index.ply", &["index -1", "line 22"]);

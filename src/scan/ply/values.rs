@@ -146,10 +146,14 @@ impl<'a> Values<'a> {
             Source::Ascii { words, .. } => words.rest().len() + 1,
             Source::Binary { .. } => self.left(),
         };
-        if !(count >= 0.0 && count.fract() == 0.0 && count * least as f64 <= room as f64) {
-            return Err(self
-                .flaw(format!("a list of {count} values, longer than the row or file"))
-                .hint("check the types of the header"));
+        if !(count >= 0.0 && count.fract() == 0.0) {
+            return Err(self.flaw(format!("a list of {count} values")).hint("check the types of the header"));
+        }
+        if count * least as f64 > room as f64 {
+            return Err(match self.source {
+                Source::Ascii { .. } => self.flaw(format!("a list of {count} values, more than the row holds")),
+                Source::Binary { .. } => self.ended(),
+            });
         }
         for _ in 0..count as usize {
             out.push(self.value(kind)?);
