@@ -49,16 +49,16 @@ fn merge(points: &[DVec3], used: &[bool], tolerance: f64) -> Vec<u32> {
     let selected = || points.iter().zip(used).filter(|(_, used)| **used).map(|(p, _)| *p);
     let origin = selected().fold(DVec3::INFINITY, DVec3::min);
     let size = 4.0 * tolerance;
-    let cell = |p: DVec3| ((p - origin) / size).floor().as_i64vec3();
+    let cell = |p: DVec3| ((p - origin) / size).floor().to_array().map(|x| x as i64);
     let key = |x: i64, y: i64, z: i64| (x as u64).wrapping_add((y as u64) << 21).wrapping_add((z as u64) << 42);
     let mut first: HashMap<u64, u32, BuildHasherDefault<CellHasher>> = HashMap::with_capacity_and_hasher(points.len(), Default::default());
     let mut next = vec![u32::MAX; points.len()];
     for (v, &p) in points.iter().enumerate().filter(|(v, _)| used[*v]) {
         let (lo, hi) = (cell(p - DVec3::splat(tolerance)), cell(p + DVec3::splat(tolerance)));
         let mut found = u32::MAX;
-        for z in lo.z..=hi.z {
-            for y in lo.y..=hi.y {
-                for x in lo.x..=hi.x {
+        for z in lo[2]..=hi[2] {
+            for y in lo[1]..=hi[1] {
+                for x in lo[0]..=hi[0] {
                     let mut candidate = first.get(&key(x, y, z)).copied().unwrap_or(u32::MAX);
                     while candidate != u32::MAX {
                         if points[candidate as usize].distance_squared(p) <= tolerance * tolerance {
@@ -71,8 +71,8 @@ fn merge(points: &[DVec3], used: &[bool], tolerance: f64) -> Vec<u32> {
         }
         if found == u32::MAX {
             found = v as u32;
-            let c = cell(p);
-            let head = first.entry(key(c.x, c.y, c.z)).or_insert(u32::MAX);
+            let [x, y, z] = cell(p);
+            let head = first.entry(key(x, y, z)).or_insert(u32::MAX);
             next[v] = std::mem::replace(head, v as u32);
         }
         representative[v] = found;
