@@ -8,6 +8,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+pub mod encode;
+pub mod glb;
+
 /// A request to stop, shared by all stages.
 #[derive(Clone, Debug, Default)]
 pub struct Cancel(Arc<AtomicBool>);

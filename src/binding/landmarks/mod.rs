@@ -9,6 +9,7 @@ mod extremities;
 mod geodesic;
 mod limbs;
 mod medial;
+mod pieces;
 mod voxels;
 
 use crate::space::Axis;
@@ -80,7 +81,8 @@ const SNAP_DEGREES: f64 = 10.0;
 ///
 /// Shapes: `points` in the unit box; `triangles` over them (holes, flipped faces and several shells do not matter).
 pub fn find(points: &[DVec3], triangles: &[[u32; 3]]) -> Result<Body, NotHuman> {
-    let solid = Solid::of(points, triangles).ok_or_else(|| NotHuman {
+    let triangles = pieces::without_debris(points, triangles);
+    let solid = Solid::of(points, &triangles).ok_or_else(|| NotHuman {
         reason: "looked for a person; the mesh has no surface with an inside".into(),
         margin_and_cost: None,
     })?;

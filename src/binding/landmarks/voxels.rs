@@ -5,10 +5,10 @@ use glam::{DMat3, DVec3};
 
 /// Voxels along the longest side of the body. 80 to 160 give the same joints, 60 is too coarse for wrists and necks.
 const RESOLUTION: f64 = 110.0;
-/// Empty cells around the shape; closing must not reach the border.
-const PAD: i32 = 4;
-/// A shell whose filling adds less than this share of itself has leaked.
-const LEAK: f64 = 0.35;
+/// Empty cells around the shape.
+const PAD: i32 = 2;
+/// A cell that meets the shell in so many of 26 directions is inside even where the shell leaks.
+const ENCLOSED: u8 = 23;
 /// More samples than this are no surface of a body but a cloud of crossing sheets.
 const MOST_SAMPLES: f64 = 2e8;
 /// Marks a missing neighbour.
@@ -54,12 +54,9 @@ impl Solid {
     ///
     /// The grid lies along the principal axes of the surface, so that a turned mesh gives the same voxels, turned.
     pub(super) fn of(points: &[DVec3], triangles: &[[u32; 3]]) -> Option<Self> {
-        let corners = |t: &[u32; 3]| -> Option<[DVec3; 3]> {
-            let p = [*points.get(t[0] as usize)?, *points.get(t[1] as usize)?, *points.get(t[2] as usize)?];
-            p.iter().all(|p| p.is_finite()).then_some(p)
-        };
-        let grid = Grid::around(triangles.iter().filter_map(corners))?;
-        let shell = grid.shell(triangles.iter().filter_map(corners))?;
+        let corners = |t: &[u32; 3]| t.map(|v| points[v as usize]);
+        let grid = Grid::around(triangles.iter().map(corners))?;
+        let shell = grid.shell(triangles.iter().map(corners))?;
         let inside = grid.filled(&shell);
         let body = grid.largest_part(&inside);
         let mut voxel_of_cell = vec![NONE; body.len()];
@@ -183,72 +180,53 @@ impl Grid {
         Some(shell)
     }
 
-    /// Shell and what it encloses. Where the shell leaks, a cell counts as enclosed when two of the three plane sections through it,
-    /// with gaps of four cells closed, enclose it.
+    /// Shell and what it encloses: what cannot be reached from outside by steps across faces, and, since shells leak, what meets the
+    /// shell in almost all directions. The space between two thighs meets it in 18 to 21.
     fn filled(&self, shell: &[bool]) -> Vec<bool> {
-        let count = |cells: &[bool]| cells.iter().filter(|c| **c).count() as f64;
-        let filled = self.fill(shell, [true; 3]);
-        if count(&filled) >= (1.0 + LEAK) * count(shell) {
-            return filled;
-        }
-        let closed = self.closed(shell, 2);
-        let sections = [[false, true, true], [true, false, true], [true, true, false]].map(|plane| self.fill(&closed, plane));
-        let votes = |cell: usize| sections.iter().filter(|s| s[cell]).count();
-        (0..shell.len()).map(|cell| filled[cell] || votes(cell) >= 2).collect()
-    }
-
-    /// Everything that cannot be reached from the border by steps across faces in the given directions.
-    fn fill(&self, wall: &[bool], directions: [bool; 3]) -> Vec<bool> {
-        let mut enclosed = vec![true; wall.len()];
-        let mut queue = Vec::new();
-        for cell in 0..wall.len() {
-            let at = self.coordinates(cell);
-            let border = (0..3).any(|i| directions[i] && (at[i] == 0 || at[i] == self.size[i] - 1));
-            if border && !wall[cell] {
-                enclosed[cell] = false;
-                queue.push(cell);
-            }
-        }
+        let mut reached = vec![false; shell.len()];
+        let mut queue = vec![0];
+        reached[0] = true;
         while let Some(cell) = queue.pop() {
             let at = self.coordinates(cell);
             for d in STEPS.iter().take(6) {
-                let axis = (0..3).find(|&i| d[i] != 0).unwrap_or(0);
-                let to = at[axis] + d[axis];
-                if !directions[axis] || to < 0 || to >= self.size[axis] {
-                    continue;
-                }
-                let next = cell.wrapping_add_signed(self.offset(*d));
-                if enclosed[next] && !wall[next] {
-                    enclosed[next] = false;
-                    queue.push(next);
+                if (0..3).all(|i| (0..self.size[i]).contains(&(at[i] + d[i]))) {
+                    let next = cell.wrapping_add_signed(self.offset(*d));
+                    if !reached[next] && !shell[next] {
+                        reached[next] = true;
+                        queue.push(next);
+                    }
                 }
             }
         }
-        enclosed
+        let mut met = vec![0_u8; shell.len()];
+        for d in STEPS {
+            self.look(shell, d, &mut met);
+        }
+        (0..shell.len()).map(|cell| shell[cell] || !reached[cell] || met[cell] >= ENCLOSED).collect()
+    }
+
+    /// Counts for every cell whether the shell lies somewhere in direction `d`.
+    fn look(&self, shell: &[bool], d: [i32; 3], met: &mut [u8]) {
+        let offset = self.offset(d);
+        let mut ahead = vec![false; shell.len()];
+        // From the far end in every direction, so that the next cell has been seen before.
+        let order = |axis: usize, i: i32| if d[axis] > 0 { self.size[axis] - 2 - i } else { i + 1 };
+        let rounds = self.size.map(|n| n - 2);
+        for i in 0..rounds[0] {
+            for j in 0..rounds[1] {
+                for k in 0..rounds[2] {
+                    let cell = self.offset([order(0, i), order(1, j), order(2, k)]) as usize;
+                    let next = cell.wrapping_add_signed(offset);
+                    ahead[cell] = shell[next] || ahead[next];
+                    met[cell] += u8::from(ahead[cell]);
+                }
+            }
+        }
     }
 
     fn coordinates(&self, cell: usize) -> [i32; 3] {
         let [_, ny, nz] = self.size.map(|n| n as usize);
         [(cell / (ny * nz)) as i32, (cell / nz % ny) as i32, (cell % nz) as i32]
-    }
-
-    /// Dilation and erosion by `rounds` steps across faces. The padding keeps both away from the border.
-    fn closed(&self, cells: &[bool], rounds: usize) -> Vec<bool> {
-        let offsets: Vec<isize> = STEPS.iter().take(6).map(|d| self.offset(*d)).collect();
-        let mut now = cells.to_vec();
-        for round in 0..2 * rounds {
-            let grow = round < rounds;
-            let mut next = now.clone();
-            for (cell, out) in next.iter_mut().enumerate() {
-                let at = self.coordinates(cell);
-                let border = (0..3).any(|i| at[i] == 0 || at[i] == self.size[i] - 1);
-                if !border && *out != grow && offsets.iter().any(|&o| now[cell.wrapping_add_signed(o)] == grow) {
-                    *out = grow;
-                }
-            }
-            now = next;
-        }
-        now
     }
 
     /// The part with most cells among those that hang together by faces, edges or corners.
