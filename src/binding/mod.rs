@@ -12,6 +12,9 @@ mod raw;
 mod reference;
 mod segments;
 mod similarity;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;
 mod track;
 
 pub use bind::bind;
