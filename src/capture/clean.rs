@@ -1,6 +1,6 @@
 //! Cleaning of a marker take: empty and doubled trajectories, jumps, empty ends.
 
-use super::{Cleaning, MarkerTake, gaps};
+use super::{Cleaning, MarkerTake, counted, gaps, swaps};
 use crate::error::{Error, Kind, Notes, Result};
 use glam::DVec3;
 use std::collections::BTreeSet;
@@ -40,7 +40,9 @@ pub(super) fn clean(
     }
     let size = size(take);
     join_copies(take, size, cleaning, notes);
-    remove_jumps(take, rate, size, cleaning, notes);
+    let common = common_steps(take);
+    exchange(take, &common, rate, size, cleaning, notes);
+    remove_jumps(take, &common, rate, size, cleaning, notes);
     trim(take, first_frame, cleaning, notes);
     cleaning.empty += drop_empty(take);
 
@@ -52,8 +54,9 @@ pub(super) fn clean(
     if let Some((marker, frames)) = filled.longest {
         let seconds = frames as f64 / rate;
         notes.warn(format!(
-            "{} gaps are too long to fill (longest {seconds:.2} s, {}): the markers are released meanwhile",
-            filled.left, take.labels[marker]
+            "{} too long to fill (longest {seconds:.2} s, {}): the markers are released meanwhile",
+            counted(filled.left, "gap", "gaps"),
+            take.labels[marker]
         ));
     }
     Ok(())
@@ -155,10 +158,12 @@ fn join_copies(take: &mut MarkerTake, size: f64, cleaning: &mut Cleaning, notes:
         }
     }
     if !joined.is_empty() {
-        notes.warn(format!("{} copies of a marker are joined with it: {}", joined.len(), listed(&joined)));
+        let copies = counted(joined.len(), "copy", "copies");
+        notes.warn(format!("{copies} of a marker joined with it: {}", listed(&joined)));
     }
     if !renamed.is_empty() {
-        notes.warn(format!("{} markers share a label with another: renamed to {}", renamed.len(), listed(&renamed)));
+        let namesakes = counted(renamed.len(), "marker", "markers");
+        notes.warn(format!("{namesakes} with the label of another: renamed to {}", listed(&renamed)));
     }
     keep(take, &kept);
 }
@@ -182,13 +187,24 @@ fn one_marker(take: &MarkerTake, a: usize, b: usize, size: f64) -> bool {
     median(&mut distances) <= SAME * size
 }
 
+/// Puts right labels that two markers exchange during the take.
+fn exchange(take: &mut MarkerTake, common: &[DVec3], rate: f64, size: f64, cleaning: &mut Cleaning, notes: &mut Notes) {
+    let mended = swaps::mend(take, common, rate, size);
+    cleaning.exchanged = mended.len();
+    let said: Vec<String> =
+        mended.iter().map(|(a, b, frames)| format!("{} and {} in {frames}", take.labels[*a], take.labels[*b])).collect();
+    if !said.is_empty() {
+        let pairs = counted(said.len(), "pair of markers", "pairs of markers");
+        notes.warn(format!("{pairs} had exchanged labels, put right: {} frames", listed(&said)));
+    }
+}
+
 /// Makes gaps of jumps: steps, relative to the motion of the whole, that no body makes.
-fn remove_jumps(take: &mut MarkerTake, rate: f64, size: f64, cleaning: &mut Cleaning, notes: &mut Notes) {
+fn remove_jumps(take: &mut MarkerTake, common: &[DVec3], rate: f64, size: f64, cleaning: &mut Cleaning, notes: &mut Notes) {
     let (markers, frames) = (take.markers(), take.frames());
     if frames < 3 || size <= 0.0 {
         return;
     }
-    let common = common_steps(take);
     let step_limit = (SPEED * size / rate).max(SMALLEST_JUMP * size);
     let bend_limit = (ACCELERATION * size / (rate * rate)).max(SMALLEST_JUMP * size);
     let stray = (STRAY * rate) as usize;
@@ -229,10 +245,10 @@ fn remove_jumps(take: &mut MarkerTake, rate: f64, size: f64, cleaning: &mut Clea
         }
     }
     if cleaning.jumps > 0 {
-        notes.warn(format!("{} jumps faster than a body moves are made gaps", cleaning.jumps));
+        notes.warn(format!("{} faster than a body moves: made gaps", counted(cleaning.jumps, "jump", "jumps")));
     }
     if !fast.is_empty() {
-        notes.warn(format!("{} markers jump too often to mend: left as they are: {}", fast.len(), listed(&fast)));
+        notes.warn(format!("too many jumps to mend, left as they are: {}", listed(&fast)));
     }
 }
 

@@ -333,3 +333,87 @@ fn every_real_file_is_read_or_refused_with_words() {
         }
     }
 }
+
+#[test]
+fn tmp_probe() {
+    for (file, _) in
+        [("facial_sing", 0), ("bad_parameter_section", 0), ("bts_dynamic", 0), ("simi_giant", 0), ("bad_parameter_offset", 0)]
+    {
+        let Some(path) = real(&format!("c3d/{file}.c3d")) else { continue };
+        let mut c = C3d::open(&path).unwrap();
+        let cols: Vec<usize> = (0..c.labels.len()).collect();
+        let pts = c.points(&cols).unwrap();
+        let raw = MarkerTake { labels: c.labels.clone(), points: pts };
+        let size = super::clean::size(&raw);
+        eprintln!("{file} size {size}");
+        let fin = read(&path, &ReadOptions::default()).unwrap();
+        let t = markers(&fin);
+        let off = (fin.first_frame - c.first_frame) as usize;
+        let mut shown = 0;
+        for m in 0..t.markers() {
+            let Some(col) = raw.labels.iter().position(|l| *l == t.labels[m]) else { continue };
+            for f in 0..t.frames() {
+                if let (Some(a), Some(b)) = (raw.point(f + off, col), t.point(f, m))
+                    && a.distance(b) > 1e-3
+                    && shown < 60
+                {
+                    shown += 1;
+                    eprintln!("  {} f{} raw {:.0} -> {:.0}", t.labels[m], f, a, b);
+                } else if let (Some(a), None) = (raw.point(f + off, col), t.point(f, m))
+                    && shown < 60
+                {
+                    shown += 1;
+                    eprintln!("  {} f{} raw {:.0} -> gone", t.labels[m], f, a);
+                }
+            }
+        }
+    }
+    // Rigid fill accuracy.
+    for file in ["cmu_01_01", "pig_antom_walk", "pycgm_rom_static", "mocap36"] {
+        let Some(path) = real(&format!("c3d/{file}.c3d")) else { continue };
+        let c = read(&path, &ReadOptions::default()).unwrap();
+        let t = markers(&c);
+        let size = super::clean::size(t);
+        let len = (c.rate * 0.5) as usize;
+        let (mut rig, mut lin) = (Vec::new(), Vec::new());
+        let mut st = 12345u64;
+        let mut rnd = |n: usize| {
+            st ^= st << 13;
+            st ^= st >> 7;
+            st ^= st << 17;
+            (st % n as u64) as usize
+        };
+        for _ in 0..200 {
+            let m = rnd(t.markers());
+            let s = 2 + rnd(t.frames() - len - 4);
+            let mut h = t.clone();
+            for f in s..s + len {
+                h.points[f * t.markers() + m] = [f32::NAN; 3];
+            }
+            let done = super::gaps::fill(&mut h, c.rate, size);
+            if done.rigid == 0 {
+                continue;
+            }
+            for f in s..s + len {
+                rig.push(h.point(f, m).unwrap().distance(t.point(f, m).unwrap()) / size * 100.0);
+                let k = (f - s + 1) as f64 / (len + 1) as f64;
+                lin.push(
+                    t.point(s - 1, m).unwrap().lerp(t.point(s + len, m).unwrap(), k).distance(t.point(f, m).unwrap()) / size
+                        * 100.0,
+                );
+            }
+        }
+        rig.sort_by(f64::total_cmp);
+        lin.sort_by(f64::total_cmp);
+        let q = |v: &Vec<f64>, p: f64| v[((v.len() - 1) as f64 * p) as usize];
+        eprintln!(
+            "{file}: filled {} of 200; rigid med {:.3} p90 {:.2} max {:.2}; linear med {:.2} p90 {:.2}",
+            rig.len() / len,
+            q(&rig, 0.5),
+            q(&rig, 0.9),
+            q(&rig, 1.0),
+            q(&lin, 0.5),
+            q(&lin, 0.9)
+        );
+    }
+}
