@@ -3,7 +3,7 @@
 use super::{Cleaning, MarkerTake, counted, gaps, swaps};
 use crate::error::{Error, Kind, Notes, Result};
 use glam::DVec3;
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 
 /// Two trajectories nearer than this share of the body are one marker.
 const SAME: f64 = 0.01;
@@ -128,16 +128,16 @@ fn join_copies(take: &mut MarkerTake, size: f64, cleaning: &mut Cleaning, notes:
     let markers = take.markers();
     let mut kept = vec![true; markers];
     let (mut joined, mut renamed) = (Vec::new(), Vec::new());
-    let mut taken: BTreeSet<String> = take.labels.iter().cloned().collect();
+    let mut first: BTreeMap<String, usize> = BTreeMap::new();
+    for (marker, label) in take.labels.iter().enumerate() {
+        first.entry(label.clone()).or_insert(marker);
+    }
+    let mut next: BTreeMap<usize, usize> = BTreeMap::new();
     for copy in 0..markers {
         let label = take.labels[copy].clone();
-        let stem = numbered(&label);
-        let same_label = |m: &usize| take.labels[*m] == label;
-        let original = (0..copy)
-            .filter(|m| kept[*m])
-            .find(same_label)
-            .or_else(|| (0..markers).find(|m| kept[*m] && *m != copy && Some(take.labels[*m].as_str()) == stem));
-        let Some(original) = original else { continue };
+        let namesake = first.get(&label).copied().filter(|m| *m != copy);
+        let stem = numbered(&label).and_then(|stem| first.get(stem)).copied().filter(|m| kept[*m]);
+        let Some(original) = namesake.or(stem) else { continue };
         if one_marker(take, original, copy, size) {
             for frame in take.points.chunks_exact_mut(markers) {
                 if frame[original][0].is_nan() {
@@ -147,14 +147,19 @@ fn join_copies(take: &mut MarkerTake, size: f64, cleaning: &mut Cleaning, notes:
             kept[copy] = false;
             cleaning.copies += 1;
             joined.push(label);
-        } else if take.labels[original] == label {
-            let free = (2..).map(|n| format!("{label}#{n}")).find(|l| !taken.contains(l));
-            if let Some(free) = free {
-                taken.insert(free.clone());
-                renamed.push(free.clone());
-                take.labels[copy] = free;
-                cleaning.renamed += 1;
-            }
+        } else if namesake.is_some() {
+            let number = next.entry(original).or_insert(1);
+            let free = loop {
+                *number += 1;
+                let free = format!("{label}#{number}");
+                if !first.contains_key(&free) {
+                    break free;
+                }
+            };
+            first.insert(free.clone(), copy);
+            renamed.push(free.clone());
+            take.labels[copy] = free;
+            cleaning.renamed += 1;
         }
     }
     if !joined.is_empty() {

@@ -7,8 +7,12 @@ use glam::DVec3;
 const MOVED: f64 = 0.01;
 /// Two markers have exchanged their labels when each continues the other's path this much better than its own.
 const BETTER: f64 = 0.2;
+/// A pair that is known to exchange needs less to exchange back: half of an exchange would spoil the rest of the take.
+const BETTER_BACK: f64 = 0.5;
 /// Longest time without sight, in seconds, over which a path is continued.
 const MEMORY: f64 = 0.1;
+/// More markers that move at once are a torn take and not an exchange; it also bounds the pairs.
+const MOST_MOVED: usize = 64;
 
 /// Puts exchanged labels right and returns the pairs of markers with the number of frames in which they were exchanged.
 ///
@@ -19,7 +23,7 @@ pub(super) fn mend(take: &mut MarkerTake, common: &[DVec3], rate: f64, size: f64
     let mut partner: Vec<Option<usize>> = vec![None; markers];
     let mut exchanged = vec![false; markers];
     let mut count = vec![0; markers];
-    // Where each marker was last seen, carried on by the motion of the whole.
+    // Where each marker was last seen, carried on by its own last step or by the motion of the whole.
     let mut last: Vec<Option<(usize, DVec3)>> = vec![None; markers];
     let mut moved: Vec<(usize, f64, DVec3)> = Vec::with_capacity(markers);
     for f in 0..frames {
@@ -32,17 +36,22 @@ pub(super) fn mend(take: &mut MarkerTake, common: &[DVec3], rate: f64, size: f64
         moved.clear();
         for (m, last) in last.iter_mut().enumerate() {
             let Some((seen, at)) = last else { continue };
-            *at += common[f - 1];
+            let step = take.point(*seen, m).zip(seen.checked_sub(1).and_then(|before| take.point(before, m)));
+            *at += step.map_or(common[f - 1], |(now, before)| now - before);
             if let Some(p) = take.point(f, m).filter(|p| f - *seen <= memory && p.distance(*at) > MOVED * size) {
                 moved.push((m, p.distance(*at), p));
             }
+        }
+        if moved.len() > MOST_MOVED {
+            moved.clear();
         }
         for (n, (a, own_a, at_a)) in moved.iter().enumerate() {
             for (b, own_b, at_b) in &moved[n + 1..] {
                 let (Some((_, last_a)), Some((_, last_b))) = (last[*a], last[*b]) else { continue };
                 let cross = at_a.distance(last_b) + at_b.distance(last_a);
                 let free = partner[*a].is_none_or(|p| p == *b) && partner[*b].is_none_or(|p| p == *a);
-                if free && cross < BETTER * (own_a + own_b) {
+                let better = if partner[*a] == Some(*b) { BETTER_BACK } else { BETTER };
+                if free && cross < better * (own_a + own_b) {
                     (partner[*a], partner[*b]) = (Some(*b), Some(*a));
                     for m in [*a, *b] {
                         exchanged[m] = !exchanged[m];
