@@ -25,6 +25,9 @@ const BEYOND: f64 = 2.0;
 const CUBIC: f64 = 0.1;
 const LINEAR: f64 = 0.25;
 
+/// The search for neighbours is quadratic in the markers; no body wears more.
+const MOST_MARKERS: usize = 4000;
+
 /// What filling did.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Filled {
@@ -51,7 +54,8 @@ pub(super) fn fill(take: &mut MarkerTake, rate: f64, size: f64) -> Filled {
         if gaps.is_empty() {
             continue;
         }
-        let candidates = candidates(take, &present, marker, size);
+        let candidates =
+            if take.markers() > MOST_MARKERS { Vec::new() } else { candidates(take, &present, marker, size) };
         for gap in gaps {
             let length = gap.len();
             let fill = carried(take, &present, marker, &gap, &candidates, rate, size);

@@ -333,3 +333,46 @@ fn every_real_file_is_read_or_refused_with_words() {
         }
     }
 }
+
+#[test]
+fn tmp_probe() {
+    for file in ["cmu_01_01", "pig_antom_walk", "mocap36", "mvn_basketball"] {
+        let Some(path) = real(&format!("c3d/{file}.c3d")) else { continue };
+        let c = read(&path, &ReadOptions::default()).unwrap();
+        let t = markers(&c);
+        let mut st = 12345u64;
+        let mut rnd = |n: usize| { st ^= st << 13; st ^= st >> 7; st ^= st << 17; (st % n as u64) as usize };
+        let (mut ok, mut wrong, mut un) = (0, 0, 0);
+        for _ in 0..60 {
+            let a = rnd(t.markers());
+            let s = rnd(t.frames() - 60);
+            // nearest
+            let b = (0..t.markers()).filter(|m| *m != a && t.point(s, *m).is_some() && t.point(s, a).is_some()).min_by(|x, y| { let d = |m: usize| t.point(s, m).unwrap().distance(t.point(s, a).unwrap()); d(*x).total_cmp(&d(*y)) });
+            let Some(b) = b else { continue };
+            let mut h = t.clone();
+            for f in s..s + 50 { h.points.swap(f * t.markers() + a, f * t.markers() + b); }
+            let (mut first, mut cl, mut no) = (1, Cleaning::default(), Notes::default());
+            super::clean::clean(&mut h, &mut first, c.rate, &mut cl, &mut no).unwrap();
+            let d: f64 = (0..t.frames().min(h.frames())).filter_map(|f| Some(h.point(f, a)?.distance(t.point(f, a)?))).fold(0.0, f64::max);
+            if cl.exchanged == 1 && d < 20.0 { ok += 1 } else if cl.exchanged > 0 { wrong += 1; eprintln!("   {} {} at {s}: {d:.0} apart {:.0} {:?}", t.labels[a], t.labels[b], t.point(s,a).unwrap().distance(t.point(s,b).unwrap()), no); } else { un += 1 }
+        }
+        eprintln!("{file}: swaps mended {ok}, wrong {wrong}, unseen {un}");
+    }
+    // Speed.
+    let (m, f) = (60, 3200);
+    let mut st = 12345u64;
+    let mut rnd = |n: usize| { st ^= st << 13; st ^= st >> 7; st ^= st << 17; (st % n as u64) as usize };
+    let mut file = C3dFile { labels: (0..m).map(|i| format!("K{i}x")).collect(), ..C3dFile::default() };
+    file.points = (0..f * m).map(|i| { let (f, k) = ((i / m) as f32 / 100.0, (i % m) as f32); Some([500.0 * f + 300.0 * (k * 1.3).sin() + 20.0 * (f * 3.0 + k).sin(), 250.0 * (k * 0.7).cos(), 30.0 * k + 20.0 * (f * 2.0 + k).cos()]) }).collect();
+    for _ in 0..600 { let (a, s, n) = (rnd(m), rnd(f - 100), 1 + rnd(90)); for q in s..s + n { file.points[q * m + a] = None; } }
+    let bytes = file.bytes();
+    let t0 = std::time::Instant::now();
+    let c = from_bytes(bytes, &ReadOptions::default()).unwrap();
+    eprintln!("{} in {:?}", c.summary(), t0.elapsed());
+    let big = C3dFile { labels: vec!["A".into(); 60_000], points: (0..120_000).map(|i| if i % 3 == 0 { None } else { Some([(i % 977) as f32 * 10.0, (i % 1009) as f32 * 10.0, 1.0 + i as f32]) }).collect(), ..C3dFile::default() };
+    let mut bytes = big.bytes();
+    bytes[0] = 2;
+    let t0 = std::time::Instant::now();
+    let c = from_bytes(bytes, &ReadOptions::default());
+    eprintln!("{:?} in {:?}", c.map(|c| c.summary()), t0.elapsed());
+}
