@@ -1,6 +1,6 @@
 //! Faces → triangles over glTF vertices, which have one texture coordinate and one normal each.
 
-use crate::scan::{NONE, Scan};
+use crate::scan::{NONE, Scan, Triangles};
 use crate::surface::NormalVertices;
 use std::ops::Range;
 
@@ -53,7 +53,7 @@ struct Copy {
 impl Geometry {
     /// Splits the scan's vertices.
     pub fn of(scan: &Scan, normals: &NormalVertices) -> Self {
-        let (triangles, faces) = triangulate(scan);
+        let Triangles { corners: triangles, faces } = scan.mesh.triangulate();
         let look = &scan.look;
         let material = |face: u32| look.face_materials.get(face as usize).copied().unwrap_or(NONE);
         let mut order: Vec<u32> = (0..triangles.len() as u32).collect();
@@ -127,17 +127,6 @@ fn uv_bits(scan: &Scan, corner: usize) -> Option<[u32; 2]> {
     let [u, v] = *scan.look.uvs.get(index as usize)?;
     // Adding zero makes −0 and 0 the same.
     (u.is_finite() && v.is_finite()).then(|| [(u + 0.0).to_bits(), (1.0 - v).to_bits()])
-}
-
-/// Corners of the triangles, and their faces.
-fn triangulate(scan: &Scan) -> (Vec<[u32; 3]>, Vec<u32>) {
-    let faces = &scan.mesh.faces;
-    let fan = |f: usize| {
-        let range = faces.range(f);
-        let start = range.start as u32;
-        (1..range.len().saturating_sub(1) as u32).map(move |k| ([start, start + k, start + k + 1], f as u32))
-    };
-    (0..faces.len()).flat_map(fan).unzip()
 }
 
 /// Whether the surface is closed and its faces turn outwards, so that nobody ever sees their backs.
