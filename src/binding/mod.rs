@@ -3,6 +3,9 @@
 mod actor;
 mod bind;
 mod clusters;
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::print_stderr)]
+mod corpus;
 mod decisions;
 mod fit;
 mod labels;

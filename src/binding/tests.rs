@@ -146,6 +146,7 @@ fn take(person: &Person, labels: &[String], frames: &[Vec<DVec3>], yaw: f64, noi
         space: Space { unit: Some(Known::new(Unit::Millimetre, Evidence::File)), ..Space::default() },
         motion: Motion::Markers(MarkerTake { labels: labels.to_vec(), points }),
         source: "made.c3d".into(),
+        cleaning: crate::capture::Cleaning::default(),
         notes: Notes::default(),
     }
 }
