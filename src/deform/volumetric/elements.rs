@@ -70,6 +70,15 @@ fn cap_slivers(elements: &mut [Element], cap: f64) {
     }
 }
 
+/// Elements in the order of their vertices, dealt out so that the four of a block come from four quarters of that order: neighbours in a block would
+/// wait for each other when they add to the same vertex.
+pub(super) fn arrange(mut elements: Vec<Element>) -> Vec<Element> {
+    elements.sort_by_key(|e| e.corners.iter().copied().min());
+    let blocks = elements.len() / 4;
+    let dealt = (0..blocks).flat_map(|b| (0..4).map(move |lane| lane * blocks + b));
+    dealt.chain(4 * blocks..elements.len()).map(|j| elements[j].clone()).collect()
+}
+
 /// Four tetrahedra side by side.
 #[derive(Clone, Debug)]
 pub(super) struct Block {

@@ -129,7 +129,7 @@ impl Volumetric {
         for element in &mut elements {
             element.corners = element.corners.map(|v| places[v as usize]);
         }
-        elements.sort_by_key(|e| e.corners.iter().copied().min());
+        let elements = elements::arrange(elements);
         let attachments = handles.iter().map(|h| h.row.apply(&proxy.rest)).collect();
         let handles: Vec<Handle> = handles
             .iter()
