@@ -106,7 +106,8 @@ impl Blocks {
             .map(|four| {
                 let of = |lane: usize| four.get(lane).unwrap_or(&four[0]);
                 let gather = |value: &dyn Fn(&Element) -> f64| Lanes(std::array::from_fn(|lane| value(of(lane))));
-                let filled = |value: &dyn Fn(&Element) -> f64| Lanes(std::array::from_fn(|lane| four.get(lane).map_or(0.0, value)));
+                let filled =
+                    |value: &dyn Fn(&Element) -> f64| Lanes(std::array::from_fn(|lane| four.get(lane).map_or(0.0, value)));
                 Block {
                     corners: std::array::from_fn(|corner| std::array::from_fn(|lane| of(lane).corners[corner])),
                     gradients: std::array::from_fn(|k| gather(&|e| e.gradients[k / 3][k % 3])),
@@ -160,9 +161,8 @@ impl Blocks {
 #[inline(always)]
 fn deformation(block: &Block, p: &[Lanes]) -> Matrices {
     // Written out: a closure in an array's `map` is compiled for the baseline and called.
-    let corner = |lanes: &[u32; 4]| {
-        transpose([p[lanes[0] as usize], p[lanes[1] as usize], p[lanes[2] as usize], p[lanes[3] as usize]])
-    };
+    let corner =
+        |lanes: &[u32; 4]| transpose([p[lanes[0] as usize], p[lanes[1] as usize], p[lanes[2] as usize], p[lanes[3] as usize]]);
     let x = [corner(&block.corners[0]), corner(&block.corners[1]), corner(&block.corners[2]), corner(&block.corners[3])];
     let g = &block.gradients;
     let mut f = [Lanes::ZERO; 9];

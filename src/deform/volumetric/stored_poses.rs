@@ -83,8 +83,7 @@ fn human_walk(options: &Options) -> Option<Case> {
         .windows(2)
         .map(|range| {
             let range = range[0] as usize..range[1] as usize;
-            let mut terms: Vec<(u32, f64)> =
-                range.map(|i| (arrays["row_idx"][i] as u32, arrays["row_val"][i])).collect();
+            let mut terms: Vec<(u32, f64)> = range.map(|i| (arrays["row_idx"][i] as u32, arrays["row_val"][i])).collect();
             terms.sort_by_key(|t| t.0);
             let (indices, values) = terms.into_iter().unzip();
             Handle { name: "stored".into(), row: SparseRow { indices, values }, beta: 1000.0 }
@@ -167,28 +166,4 @@ fn the_default_tolerance_is_a_fifth_of_a_millimetre_of_the_stored_walk() {
     eprintln!("p99 {p99:.3} mm, max {max:.3} mm, inverted {:?}", stats.iter().map(|s| s.inverted).max());
     assert!(p99 < 0.2 && max < 0.5, "{p99} {max}");
     assert!(stats[3..].iter().map(|s| s.passes).max() < Some(25));
-}
-
-#[test]
-fn zz_profile() {
-    let options = Options { sliver_cap: f64::INFINITY, ..Default::default() };
-    let Some(case) = human_walk(&options) else { return };
-    let mut d = case.deformer;
-    let time = |name: &str, f: &mut dyn FnMut()| {
-        let mut best = f64::INFINITY;
-        for _ in 0..60 { let b = Instant::now(); f(); best = best.min(b.elapsed().as_secs_f64()); }
-        eprintln!("{name}: {:.3} ms", best * 1e3);
-    };
-    let mut g = d.p.clone();
-    time("pass0", &mut || { d.blocks.pass(&d.p, &mut d.rotations, 0, &mut g); });
-    time("pass1", &mut || { d.blocks.pass(&d.p, &mut d.rotations, 1, &mut g); });
-    time("pass2", &mut || { d.blocks.pass(&d.p, &mut d.rotations, 2, &mut g); });
-    time("solve", &mut || { d.factor.solve(&mut g); });
-    time("pull", &mut || { d.handles.pull(&d.p, &mut g); });
-    time("build", &mut || { d.coarse.build(&d.blocks, &d.rotations); });
-    let mut l = g.clone();
-    time("load", &mut || { d.coarse.load(&g, &mut l); });
-    time("measure", &mut || { d.blocks.measure(&d.p); });
-    time("dot", &mut || { std::hint::black_box(crate::linalg::lanes::dot(&l, &g)); });
-    time("add_scaled", &mut || { crate::linalg::lanes::add_scaled(&mut l, 1e-9, &g); });
 }
