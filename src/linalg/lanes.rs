@@ -110,7 +110,7 @@ impl SubAssign for Lanes {
 /// Rows of four lanes turned into columns.
 #[inline(always)]
 pub(crate) fn transpose(r: [Lanes; 4]) -> [Lanes; 4] {
-    let [a, b, c, d] = r.map(|x| x.0);
+    let [Lanes(a), Lanes(b), Lanes(c), Lanes(d)] = r;
     [
         Lanes([a[0], b[0], c[0], d[0]]),
         Lanes([a[1], b[1], c[1], d[1]]),

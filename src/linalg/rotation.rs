@@ -70,7 +70,7 @@ pub(crate) fn newton_step(f: &Matrices, q: &mut Quaternions) -> Lanes {
     ];
     let norm = (next[0] * next[0] + next[1] * next[1] + next[2] * next[2] + next[3] * next[3]).sqrt();
     let inverse = Lanes::splat(1.0) / norm;
-    *q = next.map(|x| x * inverse);
+    *q = [next[0] * inverse, next[1] * inverse, next[2] * inverse, next[3] * inverse];
     (w0 * w0 + w1 * w1 + w2 * w2) * 4.0
 }
 
