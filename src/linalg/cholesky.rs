@@ -268,7 +268,8 @@ mod tests {
         for side in [1, 2, 3, 5, 9] {
             let matrix = grid(side, 0.1);
             let factor = Cholesky::factor(&matrix).expect("positive definite");
-            let right: Vec<Lanes> = (0..matrix.size()).map(|i| Lanes(std::array::from_fn(|k| ((i * 7 + k * 3) % 11) as f64 - 5.0))).collect();
+            let right: Vec<Lanes> =
+                (0..matrix.size()).map(|i| Lanes(std::array::from_fn(|k| ((i * 7 + k * 3) % 11) as f64 - 5.0))).collect();
             let mut x = right.clone();
             factor.solve(&mut x);
             let mut product = vec![Lanes::ZERO; x.len()];

@@ -55,8 +55,7 @@ pub(crate) fn newton_step(f: &Matrices, q: &mut Quaternions) -> Lanes {
     let determinant = h00 * c00 + h01 * c01 + h02 * c02;
     let size = h00.abs() + h11.abs() + h22.abs();
     let floor = Lanes::splat(1e-6) * size * size * size;
-    let positive: [bool; 4] =
-        std::array::from_fn(|i| (h00.0[i] > 0.0) & (c22.0[i] > 0.0) & (determinant.0[i] > floor.0[i]));
+    let positive: [bool; 4] = std::array::from_fn(|i| (h00.0[i] > 0.0) & (c22.0[i] > 0.0) & (determinant.0[i] > floor.0[i]));
     let half_inverse = Lanes::splat(0.5) / Lanes::select(positive, determinant, trace.abs() + Lanes::splat(1e-9));
     let [v0, v1, v2] = axial;
     let w0 = Lanes::select(positive, c00 * v0 + c01 * v1 + c02 * v2, v0) * half_inverse;

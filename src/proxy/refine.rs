@@ -51,7 +51,11 @@ fn split_triangle(points: &[DVec3], t: [u32; 3], m: [u32; 3], out: &mut Vec<[u32
             out.push([c, ca, bc]);
             let length = |v: u32, w: u32| points[v as usize].distance_squared(points[w as usize]);
             // The shorter diagonal of the remaining quadrilateral.
-            if length(a, bc) < length(b, ca) { out.extend([[a, b, bc], [a, bc, ca]]) } else { out.extend([[a, b, ca], [b, bc, ca]]) }
+            if length(a, bc) < length(b, ca) {
+                out.extend([[a, b, bc], [a, bc, ca]])
+            } else {
+                out.extend([[a, b, ca], [b, bc, ca]])
+            }
         }
         _ => out.extend([[t[0], m[0], m[2]], [m[0], t[1], m[1]], [m[2], m[1], t[2]], [m[0], m[1], m[2]]]),
     }

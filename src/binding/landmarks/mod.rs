@@ -155,16 +155,7 @@ fn joints(solid: &Solid, body: &Extremities, points: &[DVec3]) -> Option<Body> {
         arm.normalize_or_zero().dot(up).clamp(-1.0, 1.0).asin().to_degrees()
     };
     let arm_elevation = [elevation(Joint::LeftShoulder, Joint::LeftWrist), elevation(Joint::RightShoulder, Joint::RightWrist)];
-    Some(Body {
-        joints: j,
-        up,
-        forward,
-        facing_ratio,
-        margin: body.margin,
-        cost: body.cost,
-        stature: high - low,
-        arm_elevation,
-    })
+    Some(Body { joints: j, up, forward, facing_ratio, margin: body.margin, cost: body.cost, stature: high - low, arm_elevation })
 }
 
 /// Why no body was found.

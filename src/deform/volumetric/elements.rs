@@ -97,7 +97,8 @@ impl Blocks {
             .map(|four| {
                 let of = |lane: usize| four.get(lane).unwrap_or(&four[0]);
                 let gather = |value: &dyn Fn(&Element) -> f64| Lanes(std::array::from_fn(|lane| value(of(lane))));
-                let filled = |value: &dyn Fn(&Element) -> f64| Lanes(std::array::from_fn(|lane| four.get(lane).map_or(0.0, value)));
+                let filled =
+                    |value: &dyn Fn(&Element) -> f64| Lanes(std::array::from_fn(|lane| four.get(lane).map_or(0.0, value)));
                 Block {
                     corners: std::array::from_fn(|corner| std::array::from_fn(|lane| of(lane).corners[corner])),
                     gradients: std::array::from_fn(|k| gather(&|e| e.gradients[k / 3][k % 3])),

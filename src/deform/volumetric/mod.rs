@@ -99,10 +99,8 @@ impl Volumetric {
                 largest[v as usize] += e.capped * g.length_squared();
             }
         }
-        let weights = handles
-            .iter()
-            .map(|h| h.beta * h.row.indices.iter().fold(0.0_f64, |m, &v| m.max(largest[v as usize])))
-            .collect();
+        let weights =
+            handles.iter().map(|h| h.beta * h.row.indices.iter().fold(0.0_f64, |m, &v| m.max(largest[v as usize]))).collect();
         Self::with_weights(proxy, elements, handles, weights, options)
     }
 
@@ -321,7 +319,10 @@ fn check_components(proxy: &Proxy, elements: &[Element], handles: &[Handle]) -> 
         }
     }
     if let Some(v) = used.iter().position(|used| !used) {
-        return Err(Error::refused(format!("vertex {v} of the proxy at {} belongs to no tetrahedron with volume", proxy.rest[v])));
+        return Err(Error::refused(format!(
+            "vertex {v} of the proxy at {} belongs to no tetrahedron with volume",
+            proxy.rest[v]
+        )));
     }
     let mut held = vec![false; parents.len()];
     for handle in handles {
