@@ -2,7 +2,7 @@
 
 use super::args::Animate;
 use crate::error::{Error, Kind, Result};
-use crate::export::{FrameSink, glb::GlbSink};
+use crate::export::{FrameSink, files, glb::GlbSink, obj::ObjSink, pc2::Pc2Sink, ply::PlySink};
 use std::path::{Path, PathBuf};
 
 const FORMATS: &str = "one of .glb, .pc2, or .ply or .obj with a run of # for the frame number, as in 'frames/f_####.ply'";
@@ -28,7 +28,7 @@ pub(super) fn sinks(args: &Animate) -> Result<Vec<Box<dyn FrameSink>>> {
         if args.report.as_ref() != Some(path) {
             sinks.push(sink(path)?);
         }
-        if !args.force && path.exists() {
+        if !args.force && files::exists(path) {
             return Err(Error::new(Kind::Unwritable, "exists already").file(path).expected("a path where nothing is").hint("--force replaces it"));
         }
         let sequence = is_sequence(path);
@@ -51,6 +51,9 @@ fn sink(path: &Path) -> Result<Box<dyn FrameSink>> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     match (extension.as_str(), is_sequence(path)) {
         ("glb", false) => Ok(Box::new(GlbSink::new(path))),
+        ("pc2", false) => Ok(Box::new(Pc2Sink::new(path))),
+        ("ply", true) => Ok(Box::new(PlySink::new(path))),
+        ("obj", true) => Ok(Box::new(ObjSink::new(path))),
         ("ply" | "obj", false) => {
             let stem = path.file_stem().unwrap_or_default().to_string_lossy();
             let pattern = path.with_file_name(format!("{stem}_####.{extension}"));
