@@ -164,6 +164,7 @@ fn interpolated(take: &MarkerTake, present: &Present, marker: usize, gap: &Range
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

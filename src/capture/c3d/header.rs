@@ -145,6 +145,7 @@ pub(super) fn processor(block: &[u8; BLOCK as usize], code: Option<u8>, file_byt
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
