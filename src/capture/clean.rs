@@ -305,6 +305,7 @@ pub(super) fn cut(take: &mut MarkerTake, start: usize, end: usize) {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

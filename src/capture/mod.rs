@@ -4,6 +4,7 @@ mod c3d;
 mod clean;
 mod gaps;
 mod labels;
+mod neighbours;
 mod rigid;
 mod swaps;
 

@@ -102,6 +102,7 @@ fn negative_as_integer(word: f32) -> bool {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
