@@ -176,13 +176,10 @@ pub(crate) fn longest(points: &[Lanes]) -> f64 {
     let mut most = 0.0_f64;
     for p in points {
         let square = p.0[0] * p.0[0] + p.0[1] * p.0[1] + p.0[2] * p.0[2];
-        // A comparison that NaN fails would hide it.
-        if !(square <= most) {
-            most = square;
-        }
-        if most.is_nan() {
+        if square.is_nan() {
             return f64::NAN;
         }
+        most = most.max(square);
     }
     most.sqrt()
 }

@@ -39,7 +39,7 @@ pub(super) fn elements(proxy: &Proxy, stiffness: &[f64], sliver_cap: f64) -> Res
         let (a, b, c) = (p[0] - p[3], p[1] - p[3], p[2] - p[3]);
         let six_volumes = a.dot(b.cross(c));
         let longest = [a, b, c, p[0] - p[1], p[1] - p[2], p[2] - p[0]].iter().fold(0.0_f64, |m, e| m.max(e.length()));
-        if !(six_volumes.abs() > FLAT * longest.powi(3)) {
+        if six_volumes.is_nan() || six_volumes.abs() <= FLAT * longest.powi(3) {
             continue;
         }
         let (ga, gb, gc) = (b.cross(c) / six_volumes, c.cross(a) / six_volumes, a.cross(b) / six_volumes);

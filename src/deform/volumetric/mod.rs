@@ -297,7 +297,7 @@ fn check_handles(proxy: &Proxy, handles: &[Handle]) -> Result<()> {
             return refuse(format!("it sits on vertex {v} of a proxy with {}", proxy.rest.len()));
         }
         let sum: f64 = handle.row.values.iter().sum();
-        if !((sum - 1.0).abs() < 1e-3) {
+        if sum.is_nan() || (sum - 1.0).abs() > 1e-3 {
             return refuse(format!("the coefficients of its row sum to {sum}, not to 1"));
         }
     }
