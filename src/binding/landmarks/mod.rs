@@ -101,11 +101,11 @@ pub fn find(points: &[DVec3], triangles: &[[u32; 3]]) -> Result<Body, NotHuman> 
 
 fn joints(solid: &Solid, body: &Extremities, points: &[DVec3]) -> Option<Body> {
     let length = body.length;
-    let crotch = Crotch::of(solid, body);
     let [f, g] = &body.feet;
-    let mut legs = [Leg::of(solid, f, g, &crotch, length)?, Leg::of(solid, g, f, &crotch, length)?];
     let tip = |v: usize| solid.centres[v];
     let rough_up = (tip(body.head.voxel) - (tip(f.voxel) + tip(g.voxel)) * 0.5).try_normalize()?;
+    let crotch = Crotch::of(solid, body, rough_up);
+    let mut legs = [Leg::of(solid, f, g, &crotch, length)?, Leg::of(solid, g, f, &crotch, length)?];
     let out = legs.iter().map(|l| l.foot.iter().sum::<DVec3>() / l.foot.len() as f64 + (l.toe - l.ankle) * 0.5).sum::<DVec3>();
     let forward = out.reject_from_normalized(rough_up).try_normalize()?;
     let facing_ratio = legs.iter().map(|l| {
