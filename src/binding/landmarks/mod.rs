@@ -12,6 +12,8 @@ mod limbs;
 mod medial;
 mod pieces;
 mod skeleton;
+#[cfg(test)]
+mod tests;
 mod voxels;
 
 use glam::DVec3;
