@@ -2,7 +2,22 @@
 
 use glam::DVec3;
 
+mod build;
+mod caps;
+mod carve;
+mod decimate;
+mod delaunay;
+mod disjoint;
+mod edges;
+mod lattice;
+mod pieces;
+mod refine;
 pub mod rows;
+mod shell;
+mod tetrahedra;
+mod weld;
+
+pub use build::{BuildOptions, Built, Form, Summary, build};
 
 /// A tetrahedral body around or inside a scan, in the unit box of the scan (see [`crate::scan::UnitBox`]).
 #[derive(Clone, Debug, Default)]

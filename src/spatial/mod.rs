@@ -1,55 +1,63 @@
-//! Queries against triangles: closest point, ray, winding number. Imports nobody.
+//! Queries against triangles (closest point, ray, winding number) and against points. Imports nobody.
+
+mod build;
+mod closest;
+mod points;
+mod ray;
+mod winding;
+
+pub use closest::Closest;
+pub use points::{Neighbour, PointTree};
+pub use ray::Hit;
 
 use glam::DVec3;
 
-/// The point of a set of triangles nearest to a query.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Closest {
-    /// Index of the triangle.
-    pub triangle: usize,
-    /// The nearest point.
-    pub point: DVec3,
-    /// Its barycentric coordinates in the triangle.
-    pub barycentric: [f64; 3],
-    /// Distance from the query.
-    pub distance: f64,
-}
-
-/// Where a ray meets a triangle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Hit {
-    /// Index of the triangle.
-    pub triangle: usize,
-    /// Distance along the unit direction.
-    pub distance: f64,
-}
-
 /// A bounding volume hierarchy over triangles.
-#[derive(Clone, Debug)]
-pub struct TriangleTree {}
+///
+/// Degenerate triangles (a segment, a point) are found by [`TriangleTree::closest`] and are invisible to rays and to the winding number;
+/// triangles with a coordinate that is not finite are left out.
+#[derive(Clone, Debug, Default)]
+pub struct TriangleTree {
+    /// Depth first: the left child follows its parent, and every child comes after its parent.
+    nodes: Vec<Node>,
+    /// One far-field dipole per node.
+    dipoles: Vec<winding::Dipole>,
+    /// Corners in the order of the leaves.
+    corners: Vec<[DVec3; 3]>,
+    /// The caller's index of each entry of `corners`.
+    ids: Vec<u32>,
+}
+
+/// A box around some triangles.
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    lo: DVec3,
+    hi: DVec3,
+    /// Leaf: first entry of `corners`. Inner node: index of the right child.
+    start: u32,
+    /// Number of triangles of a leaf; 0 for an inner node.
+    count: u32,
+}
+
+/// More than the depth of any tree: after [`build::DEPTH_OF_MEDIANS`] levels every split halves the at most 2³² triangles.
+const STACK: usize = build::DEPTH_OF_MEDIANS + 34;
 
 impl TriangleTree {
-    /// Builds the hierarchy; points and triangles are copied.
-    pub fn new(points: &[DVec3], triangles: &[[u32; 3]]) -> Self {
-        let _ = (points, triangles);
-        unimplemented!()
+    /// Number of triangles in the tree.
+    pub fn len(&self) -> usize {
+        self.ids.len()
     }
 
-    /// Nearest point of the triangles; `None` when there is no triangle.
-    pub fn closest(&self, query: DVec3) -> Option<Closest> {
-        let _ = query;
-        unimplemented!()
+    /// Whether no triangle is in the tree.
+    pub fn is_empty(&self) -> bool {
+        self.ids.is_empty()
     }
 
-    /// All hits of a ray from `origin` along `direction` (any length but zero), nearest first.
-    pub fn hits(&self, origin: DVec3, direction: DVec3) -> Vec<Hit> {
-        let _ = (origin, direction);
-        unimplemented!()
-    }
-
-    /// Generalized winding number at a point: 1 inside a closed surface, 0 outside.
-    pub fn winding(&self, query: DVec3) -> f64 {
-        let _ = query;
-        unimplemented!()
+    /// Lower and upper corner of the box around all triangles; `None` when there is no triangle.
+    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        self.nodes.first().map(|root| (root.lo, root.hi))
     }
 }
+
+#[cfg(test)]
+pub(crate) mod tests;

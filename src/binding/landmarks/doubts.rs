@@ -4,18 +4,18 @@ use super::{Body, Joint};
 use glam::DVec3;
 
 /// Trunk against legs in degrees; people in T and A poses measure 0 to 11, a horse 89.
-const MOST_HIP_BEND: f64 = 38.0;
+const MOST_HIP_BEND: f64 = 30.0;
 /// Thigh against shank in degrees; 2 to 17 when standing.
-const MOST_KNEE_BEND: f64 = 44.0;
+const MOST_KNEE_BEND: f64 = 40.0;
 /// Arms lower than this many degrees touch the trunk: the armpit is not seen and the shoulder errs by 7 % of stature.
 const LOWEST_ARM: f64 = -80.0;
 /// Lengths in shares of the leg from hip to ankle; in brackets what people measure.
 const RANGES: [(&str, [f64; 2]); 5] = [
-    ("arms", [0.35, 0.80]),             // 0.45 to 0.67
-    ("trunk", [0.40, 1.15]),            // 0.53 to 0.91
-    ("shoulders", [0.12, 0.75]),        // 0.17 to 0.53
-    ("hips", [0.10, 0.45]),             // 0.15 to 0.29
-    ("neck and head", [0.13, 0.70]),    // 0.19 to 0.41
+    ("arms", [0.35, 0.80]),          // 0.45 to 0.67
+    ("trunk", [0.40, 1.15]),         // 0.53 to 0.91
+    ("shoulders", [0.12, 0.75]),     // 0.17 to 0.53
+    ("hips", [0.10, 0.45]),          // 0.15 to 0.29
+    ("neck and head", [0.13, 0.70]), // 0.19 to 0.41
 ];
 
 /// The first thing that does not fit a standing person, in words.
@@ -54,7 +54,6 @@ pub(super) fn about(body: &Body) -> Option<String> {
     ];
     RANGES.iter().zip(lengths).find_map(|((part, [low, high]), length)| {
         let share = length / leg;
-        (!(low..=high).contains(&&share))
-            .then(|| format!("its {part} measure {share:.2} of its legs (people: {low} to {high})"))
+        (!(low..=high).contains(&&share)).then(|| format!("its {part} measure {share:.2} of its legs (people: {low} to {high})"))
     })
 }

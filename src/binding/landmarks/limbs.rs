@@ -84,8 +84,7 @@ impl Leg {
     pub(super) fn of(solid: &Solid, foot: &End, other: &End, crotch: &Crotch, length: f64) -> Option<Self> {
         let curve = Curve::follow(solid, &foot.distance, 0.75 * length, |v| foot.distance[v] <= other.distance[v]);
         let shank = Line::through(&curve.centres(0.20 * length, 0.34 * length))?;
-        let near: Vec<DVec3> =
-            (0..solid.len()).filter(|&v| foot.distance[v] < 0.17 * length).map(|v| solid.centres[v]).collect();
+        let near: Vec<DVec3> = (0..solid.len()).filter(|&v| foot.distance[v] < 0.17 * length).map(|v| solid.centres[v]).collect();
         let sole = near.iter().map(|p| shank.along(*p)).fold(f64::INFINITY, f64::min) - 0.5 * solid.pitch;
         let ankle = shank.at(sole + ANKLE * length);
         let across = |p: DVec3| p - ankle - shank.direction * (p - ankle).dot(shank.direction);

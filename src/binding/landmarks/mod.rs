@@ -5,6 +5,8 @@
 //! Movement). Nothing is learnt and no axis need be known; the arms have to be clear of the trunk.
 
 mod axes;
+#[cfg(test)]
+mod corpus;
 mod doubts;
 mod extremities;
 mod geodesic;
@@ -97,7 +99,10 @@ pub fn find(points: &[DVec3], triangles: &[[u32; 3]]) -> Result<Body, NotHuman> 
         return Err(refuse(format!("its proportions are not those of a person (cost {:.2}, at most {MOST_COST})", ends.cost)));
     }
     if ends.margin < LEAST_MARGIN {
-        return Err(refuse(format!("head, hands and feet cannot be told apart (margin {:.2}, at least {LEAST_MARGIN})", ends.margin)));
+        return Err(refuse(format!(
+            "head, hands and feet cannot be told apart (margin {:.2}, at least {LEAST_MARGIN})",
+            ends.margin
+        )));
     }
     let body = skeleton::body(&solid, &ends, points).ok_or_else(|| refuse("a limb cannot be followed to the trunk".into()))?;
     match doubts::about(&body) {

@@ -136,7 +136,8 @@ fn flipped_faces_loose_sheets_and_holes_do_not_matter() {
     let first = points.len() as u32;
     let corner = expected.joints[Joint::RightHandTip as usize] + DVec3::new(-0.05, 0.02, 0.0);
     points.extend([corner, corner + DVec3::new(-0.05, 0.0, 0.0), corner + DVec3::new(0.0, 0.05, 0.0), DVec3::NAN]);
-    let mut triangles: Vec<[u32; 3]> = shells.triangles.iter().enumerate().filter(|(i, _)| i % 23 != 0).map(|(_, t)| *t).collect();
+    let mut triangles: Vec<[u32; 3]> =
+        shells.triangles.iter().enumerate().filter(|(i, _)| i % 23 != 0).map(|(_, t)| *t).collect();
     triangles.extend([[first, first + 1, first + 2], [first, first + 1, first + 3]]);
     let body = find(&points, &triangles).unwrap();
     let (error, joint) = worst(&body, &shells, &joints, DMat3::IDENTITY);
