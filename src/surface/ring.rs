@@ -170,6 +170,9 @@ fn face_maps<const W: usize>(map: &RingMap, packed: &[[[f64; W]; 3]], first: usi
     }
 }
 
+/// Vertices that are blended before their lanes are handed out to the frames: in one loop the compiler would mix up the two shapes.
+const GROUP: usize = 32;
+
 /// The inner loop over pairs.
 struct Blend<'a, const W: usize, I> {
     map: &'a RingMap,
@@ -187,32 +190,40 @@ fn blend_avx2<const W: usize, I: Copy + Into<u32>>(blend: &Blend<'_, W, I>, firs
 impl<const W: usize, I: Copy + Into<u32>> Blend<'_, W, I> {
     #[inline(always)]
     fn vertices(&self, first: usize, out: &mut [&mut [[f32; 3]]; W]) {
-        let Pairs { starts, weights, .. } = &self.map.pairs;
         let count = out[0].len();
-        for i in 0..count {
-            let range = starts[first + i] as usize..starts[first + i + 1] as usize;
-            let mut sum = [[0.0f32; W]; 12];
-            for (&face, &weight) in self.faces[range.clone()].iter().zip(&weights[range]) {
-                let face: u32 = face.into();
-                let affine = &self.affine[face as usize];
-                for k in 0..12 {
-                    for lane in 0..W {
-                        sum[k][lane] += weight * affine[k][lane];
-                    }
-                }
-            }
-            let [x, y, z] = self.map.points[first + i];
-            let mut mapped = [[0.0f32; W]; 3];
-            for axis in 0..3 {
-                for lane in 0..W {
-                    let turned = sum[axis][lane] * x + sum[3 + axis][lane] * y + sum[6 + axis][lane] * z;
-                    mapped[axis][lane] = turned + sum[9 + axis][lane] + self.origins[axis][lane];
-                }
+        let mut mapped = [[[0.0f32; W]; 3]; GROUP];
+        for begin in (0..count).step_by(GROUP) {
+            let end = count.min(begin + GROUP);
+            for (vertex, mapped) in (first + begin..first + end).zip(&mut mapped) {
+                self.vertex(vertex, mapped);
             }
             for (lane, frame) in out.iter_mut().enumerate() {
-                if let Some(to) = frame.get_mut(i) {
+                for (to, mapped) in frame.get_mut(begin..end).into_iter().flatten().zip(&mapped) {
                     *to = [mapped[0][lane], mapped[1][lane], mapped[2][lane]];
                 }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn vertex(&self, vertex: usize, mapped: &mut [[f32; W]; 3]) {
+        let Pairs { starts, weights, .. } = &self.map.pairs;
+        let range = starts[vertex] as usize..starts[vertex + 1] as usize;
+        let mut sum = [[0.0f32; W]; 12];
+        for (&face, &weight) in self.faces[range.clone()].iter().zip(&weights[range]) {
+            let face: u32 = face.into();
+            let affine = &self.affine[face as usize];
+            for k in 0..12 {
+                for lane in 0..W {
+                    sum[k][lane] += weight * affine[k][lane];
+                }
+            }
+        }
+        let [x, y, z] = self.map.points[vertex];
+        for axis in 0..3 {
+            for lane in 0..W {
+                let turned = sum[axis][lane] * x + sum[3 + axis][lane] * y + sum[6 + axis][lane] * z;
+                mapped[axis][lane] = turned + sum[9 + axis][lane] + self.origins[axis][lane];
             }
         }
     }
