@@ -85,14 +85,18 @@ impl SurfaceMap {
         for points in out.iter_mut() {
             points.resize(self.len(), [0.0; 3]);
         }
+        self.apply_with(apply::Avx2::detect(), poses, out);
+    }
+
+    fn apply_with(&self, avx2: Option<apply::Avx2>, poses: &[&[DVec3]], out: &mut [Vec<[f32; 3]>]) {
         match (&self.kind, poses.len()) {
             (_, 0) => {}
-            (Kind::Ring(map), 1) => map.apply::<1>(poses, out),
-            (Kind::Ring(map), 2..=4) => map.apply::<4>(poses, out),
-            (Kind::Ring(map), _) => map.apply::<BATCH>(poses, out),
-            (Kind::Paper(map), 1) => map.apply::<1>(poses, out),
-            (Kind::Paper(map), 2..=4) => map.apply::<4>(poses, out),
-            (Kind::Paper(map), _) => map.apply::<BATCH>(poses, out),
+            (Kind::Ring(map), 1) => map.apply::<1>(avx2, poses, out),
+            (Kind::Ring(map), 2..=4) => map.apply::<4>(avx2, poses, out),
+            (Kind::Ring(map), _) => map.apply::<BATCH>(avx2, poses, out),
+            (Kind::Paper(map), 1) => map.apply::<1>(avx2, poses, out),
+            (Kind::Paper(map), 2..=4) => map.apply::<4>(avx2, poses, out),
+            (Kind::Paper(map), _) => map.apply::<BATCH>(avx2, poses, out),
         }
     }
 

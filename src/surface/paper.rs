@@ -1,6 +1,6 @@
 //! The map as Stoll et al. 2007 print it: one sparse row per scan vertex, in double precision since its coefficients are large.
 
-use super::apply::{Indices, Pool, chunks, pack};
+use super::apply::{Avx2, Indices, Pool, chunks, pack};
 use crate::linalg::SparseRow;
 use crate::proxy::Proxy;
 use crate::proxy::rows::{RowSum, TetMaps};
@@ -52,32 +52,32 @@ impl PaperMap {
     }
 
     /// `W` lanes for at most `W` frames.
-    pub(super) fn apply<const W: usize>(&self, poses: &[&[DVec3]], out: &mut [Vec<[f32; 3]>]) {
+    pub(super) fn apply<const W: usize>(&self, avx2: Option<Avx2>, poses: &[&[DVec3]], out: &mut [Vec<[f32; 3]>]) {
         self.poses.with(self.proxy_vertices * 3 * W, |packed| {
             let packed = packed.as_chunks_mut::<W>().0.as_chunks_mut::<3>().0;
             let origins = pack(poses, packed);
             match &self.indices {
-                Indices::Narrow(indices) => self.map_vertices(indices, packed, &origins, out),
-                Indices::Wide(indices) => self.map_vertices(indices, packed, &origins, out),
+                Indices::Narrow(indices) => self.map_vertices(avx2, indices, packed, &origins, out),
+                Indices::Wide(indices) => self.map_vertices(avx2, indices, packed, &origins, out),
             }
         });
     }
 
     fn map_vertices<const W: usize, I: Copy + Into<u32> + Sync>(
         &self,
+        avx2: Option<Avx2>,
         indices: &[I],
         packed: &[[[f64; W]; 3]],
         origins: &[[f32; W]; 3],
         out: &mut [Vec<[f32; 3]>],
     ) {
         chunks(out, &|first, out| {
-            #[cfg(target_arch = "x86_64")]
-            if super::apply::has_avx2() {
+            match avx2 {
+                #[cfg(target_arch = "x86_64")]
                 // SAFETY: the processor has AVX2.
-                unsafe { multiply_avx2(self, indices, packed, origins, first, out) };
-                return;
+                Some(Avx2 { .. }) => unsafe { multiply_avx2(self, indices, packed, origins, first, out) },
+                _ => multiply(self, indices, packed, origins, first, out),
             }
-            multiply(self, indices, packed, origins, first, out);
         });
     }
 }
@@ -105,21 +105,32 @@ fn multiply<const W: usize, I: Copy + Into<u32>>(
     out: &mut [&mut [[f32; 3]]; W],
 ) {
     for i in 0..out[0].len() {
-        let range = map.starts[first + i]..map.starts[first + i + 1];
-        let mut sum = [[0.0f64; W]; 3];
-        for (&vertex, &value) in indices[range.clone()].iter().zip(&map.values[range]) {
-            let vertex: u32 = vertex.into();
-            let p = &packed[vertex as usize];
-            for axis in 0..3 {
-                for lane in 0..W {
-                    sum[axis][lane] += value * p[axis][lane];
-                }
-            }
-        }
+        let sum = product(map, indices, packed, first + i);
         for (lane, frame) in out.iter_mut().enumerate() {
             if let Some(to) = frame.get_mut(i) {
                 *to = [0, 1, 2].map(|axis| (sum[axis][lane] + f64::from(origins[axis][lane])) as f32);
             }
         }
     }
+}
+
+#[inline(always)]
+fn product<const W: usize, I: Copy + Into<u32>>(
+    map: &PaperMap,
+    indices: &[I],
+    packed: &[[[f64; W]; 3]],
+    vertex: usize,
+) -> [[f64; W]; 3] {
+    let range = map.starts[vertex]..map.starts[vertex + 1];
+    let mut sum = [[0.0f64; W]; 3];
+    for (&vertex, &value) in indices[range.clone()].iter().zip(&map.values[range]) {
+        let vertex: u32 = vertex.into();
+        let p = &packed[vertex as usize];
+        for axis in 0..3 {
+            for lane in 0..W {
+                sum[axis][lane] += value * p[axis][lane];
+            }
+        }
+    }
+    sum
 }

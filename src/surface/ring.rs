@@ -2,7 +2,7 @@
 
 mod weights;
 
-use super::apply::{Indices, Pool, chunks, pack};
+use super::apply::{Avx2, Indices, Pool, chunks, pack};
 use super::pieces::loose_pieces;
 use crate::linalg::SparseRow;
 use crate::proxy::Proxy;
@@ -11,6 +11,9 @@ use crate::scan::Faces;
 use glam::DVec3;
 use rayon::prelude::*;
 use weights::Foot;
+
+/// Faces per parallel task.
+const FACES: usize = 256;
 
 /// See [`super::SurfaceMap`].
 #[derive(Clone, Debug)]
@@ -77,37 +80,38 @@ impl RingMap {
     }
 
     /// `W` lanes for at most `W` frames.
-    pub(super) fn apply<const W: usize>(&self, poses: &[&[DVec3]], out: &mut [Vec<[f32; 3]>]) {
+    pub(super) fn apply<const W: usize>(&self, avx2: Option<Avx2>, poses: &[&[DVec3]], out: &mut [Vec<[f32; 3]>]) {
         self.affine.with(self.maps.len() * 12 * W, |affine| {
             let affine = affine.as_chunks_mut::<W>().0.as_chunks_mut::<12>().0;
             let origins = self.poses.with(self.proxy_vertices * 3 * W, |packed| {
                 let packed = packed.as_chunks_mut::<W>().0.as_chunks_mut::<3>().0;
                 let origins = pack(poses, packed);
-                self.face_maps(packed, affine);
+                self.face_maps(avx2, packed, affine);
                 origins
             });
             match &self.pairs.faces {
-                Indices::Narrow(faces) => self.map_vertices(faces, affine, &origins, out),
-                Indices::Wide(faces) => self.map_vertices(faces, affine, &origins, out),
+                Indices::Narrow(faces) => self.map_vertices(avx2, faces, affine, &origins, out),
+                Indices::Wide(faces) => self.map_vertices(avx2, faces, affine, &origins, out),
             }
         });
     }
 
     /// Affine map of each face: columns of A, then c′ − A c.
-    fn face_maps<const W: usize>(&self, packed: &[[[f64; W]; 3]], affine: &mut [[[f32; W]; 12]]) {
-        affine.par_chunks_mut(256).enumerate().for_each(|(chunk, affine)| {
-            #[cfg(target_arch = "x86_64")]
-            if super::apply::has_avx2() {
+    fn face_maps<const W: usize>(&self, avx2: Option<Avx2>, packed: &[[[f64; W]; 3]], affine: &mut [[[f32; W]; 12]]) {
+        affine.par_chunks_mut(FACES).enumerate().for_each(|(chunk, affine)| {
+            let first = chunk * FACES;
+            match avx2 {
+                #[cfg(target_arch = "x86_64")]
                 // SAFETY: the processor has AVX2.
-                unsafe { face_maps_avx2(self, packed, chunk * 256, affine) };
-                return;
+                Some(Avx2 { .. }) => unsafe { face_maps_avx2(self, packed, first, affine) },
+                _ => face_maps(self, packed, first, affine),
             }
-            face_maps(self, packed, chunk * 256, affine);
         });
     }
 
     fn map_vertices<const W: usize, I: Copy + Into<u32> + Sync>(
         &self,
+        avx2: Option<Avx2>,
         faces: &[I],
         affine: &[[[f32; W]; 12]],
         origins: &[[f32; W]; 3],
@@ -115,13 +119,12 @@ impl RingMap {
     ) {
         chunks(out, &|first, out| {
             let blend = Blend { map: self, faces, affine, origins };
-            #[cfg(target_arch = "x86_64")]
-            if super::apply::has_avx2() {
+            match avx2 {
+                #[cfg(target_arch = "x86_64")]
                 // SAFETY: the processor has AVX2.
-                unsafe { blend_avx2(&blend, first, out) };
-                return;
+                Some(Avx2 { .. }) => unsafe { blend_avx2(&blend, first, out) },
+                _ => blend.vertices(first, out),
             }
-            blend.vertices(first, out);
         });
     }
 }
