@@ -14,9 +14,16 @@ pub(super) enum Indices {
 }
 
 impl Indices {
-    /// `below`: larger than every index.
-    pub(super) fn new(indices: Vec<u32>, below: usize) -> Self {
-        if below <= 1 << 16 { Indices::Narrow(indices.into_iter().map(|i| i as u16).collect()) } else { Indices::Wide(indices) }
+    /// None yet. `below`: larger than every index to come.
+    pub(super) fn new(below: usize) -> Self {
+        if below <= 1 << 16 { Indices::Narrow(Vec::new()) } else { Indices::Wide(Vec::new()) }
+    }
+
+    pub(super) fn extend(&mut self, more: &[u32]) {
+        match self {
+            Indices::Narrow(indices) => indices.extend(more.iter().map(|&i| i as u16)),
+            Indices::Wide(indices) => indices.extend(more),
+        }
     }
 
     pub(super) fn get(&self, k: usize) -> usize {

@@ -7,6 +7,9 @@ use crate::proxy::rows::{RowSum, TetMaps};
 use glam::DVec3;
 use rayon::prelude::*;
 
+/// Rows that are built before they are packed: all at once would take the memory twice.
+const AT_ONCE: usize = 1 << 14;
+
 /// See [`super::SurfaceMap`].
 #[derive(Clone, Debug)]
 pub(super) struct PaperMap {
@@ -21,25 +24,21 @@ impl PaperMap {
     pub(super) fn build(proxy: &Proxy, points: &[DVec3]) -> Self {
         let maps = TetMaps::new(proxy);
         let n = proxy.rest.len();
-        let rows: Vec<SparseRow> = points
-            .par_iter()
-            .with_min_len(256)
-            .map_init(
-                || RowSum::new(n),
-                |sum, &point| {
-                    maps.row(point, sum);
-                    sum.take()
-                },
-            )
-            .collect();
-        let mut starts = vec![0];
-        let (mut indices, mut values) = (Vec::new(), Vec::new());
-        for row in rows {
-            indices.extend(row.indices);
-            values.extend(row.values);
-            starts.push(values.len());
+        let mut map =
+            Self { proxy_vertices: n, starts: vec![0], indices: Indices::new(n), values: Vec::new(), poses: Pool::default() };
+        let row = |sum: &mut RowSum, &point: &DVec3| {
+            maps.row(point, sum);
+            sum.take()
+        };
+        for points in points.chunks(AT_ONCE) {
+            let rows: Vec<SparseRow> = points.par_iter().with_min_len(256).map_init(|| RowSum::new(n), row).collect();
+            for row in rows {
+                map.indices.extend(&row.indices);
+                map.values.extend(row.values);
+                map.starts.push(map.values.len());
+            }
         }
-        Self { proxy_vertices: n, starts, indices: Indices::new(indices, n), values, poses: Pool::default() }
+        map
     }
 
     pub(super) fn len(&self) -> usize {

@@ -10,7 +10,6 @@ use crate::proxy::rows::{RingMaps, RowSum};
 use crate::scan::Faces;
 use glam::DVec3;
 use rayon::prelude::*;
-use weights::Foot;
 
 /// Faces per parallel task.
 const FACES: usize = 256;
@@ -41,12 +40,8 @@ impl RingMap {
         let mut feet = weights::feet(proxy, points);
         if let Some(faces) = faces {
             for piece in loose_pieces(points, faces, |v| feet[v].distance) {
-                let nearest = piece.iter().map(|&v| feet[v as usize]).fold(
-                    Foot { distance: f64::INFINITY, ..feet[piece[0] as usize] },
-                    |best, foot| {
-                        if foot.distance < best.distance { foot } else { best }
-                    },
-                );
+                let nearest = piece.iter().map(|&v| feet[v as usize]).reduce(|a, b| if b.distance < a.distance { b } else { a });
+                let Some(nearest) = nearest else { continue };
                 piece.iter().for_each(|&v| feet[v as usize] = nearest);
             }
         }

@@ -78,7 +78,9 @@ fn assemble(vertices: usize, face_count: usize, groups: &[&[u32]], weighed: &[Gr
             from += count;
         }
     }
-    Pairs { starts, faces: Indices::new(faces, face_count), weights }
+    let mut indices = Indices::new(face_count);
+    indices.extend(&faces);
+    Pairs { starts, faces: indices, weights }
 }
 
 /// Faces around each face: those that share a vertex, and the ways to those further off.
