@@ -140,7 +140,6 @@ impl State {
             let (influences, on_sample) = self.alternate(motion, rounds, goal)?;
             let now = self.settle_all(motion, influences, goal)?;
             let used = now.error.used(goal);
-            if std::env::var_os("DBG").is_some() { eprintln!("DBG K {} sample {} worst {:.3} rms {:.4}", now.tracks.joints(), self.sample.len(), now.error.worst()*100., now.error.rms()*100.); }
             let (tracks, error) = (now.tracks.clone(), now.error.clone());
             let sample = self.sample.clone();
             let blend_points = self.points.rest.clone();

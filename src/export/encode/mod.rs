@@ -233,7 +233,6 @@ impl<M: PointMap> Job<'_, M> {
             }
             trial.errors[i] = if better { after[k] } else { before[k] };
         }
-        if std::env::var_os("DBG").is_some() { let s = measure::summary(&trial.errors, trial.frames.len()); eprintln!("DBG trial frames {} refined {} worst {:.3} rms {:.4} over {}", trial.frames.len(), doubtful.len(), s.worst/self.space.scale*100., s.rms/self.space.scale*100., surface::worst_vertices(&trial.errors, self.tolerance.worst*self.space.scale, 9999).len()); }
         Ok(trial)
     }
 
