@@ -130,7 +130,7 @@ fn thousands(n: usize) -> String {
     let digits = n.to_string();
     let mut text = String::new();
     for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i) % 3 == 0 {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
             text.push(',');
         }
         text.push(digit);
@@ -145,12 +145,7 @@ fn thousands(n: usize) -> String {
 ///
 /// Errors: an index without a point; nothing with an extent; fewer than 50 surface vertices asked for.
 /// Source: after Stoll et al. 2007, §2.1, made to stand noise, holes, debris and flipped faces.
-pub fn build(
-    points: &[DVec3],
-    triangles: &[[u32; 3]],
-    options: &BuildOptions,
-    cancel: &dyn Fn() -> Result<()>,
-) -> Result<Built> {
+pub fn build(points: &[DVec3], triangles: &[[u32; 3]], options: &BuildOptions, cancel: &dyn Fn() -> Result<()>) -> Result<Built> {
     if options.surface_vertices < LEAST_SURFACE_VERTICES {
         return Err(Error::new(crate::error::Kind::Usage, format!("{} proxy vertices", options.surface_vertices))
             .expected(format!("at least {LEAST_SURFACE_VERTICES}")));
@@ -191,7 +186,10 @@ pub fn build(
     summary.tetrahedra = proxy.tets.len();
     summary.pieces = proxy.components.iter().max().map_or(0, |&last| last as usize + 1);
     if summary.pieces > 1 {
-        notes.warn(format!("the body is in {} pieces that do not hold on to each other: each needs markers of its own", summary.pieces));
+        notes.warn(format!(
+            "the body is in {} pieces that do not hold on to each other: each needs markers of its own",
+            summary.pieces
+        ));
     }
     Ok(Built { proxy, summary, notes })
 }
@@ -244,7 +242,11 @@ impl Surface {
         let mut triangles: Vec<[u32; 3]> = (0..triangles.len()).filter(|&t| belongs(t)).map(|t| triangles[t]).collect();
         let points = compact(points, &mut triangles);
         let (lo, hi) = points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
-        let tree = if capped { capped_tree(&points, &triangles, &caps(&points, &triangles)) } else { TriangleTree::new(&points, &triangles) };
+        let tree = if capped {
+            capped_tree(&points, &triangles, &caps(&points, &triangles))
+        } else {
+            TriangleTree::new(&points, &triangles)
+        };
         Self { points, triangles, tree, diagonal: (hi - lo).length(), volume: 0.0, summary: Summary::default() }
     }
 
@@ -270,7 +272,7 @@ impl Surface {
         let probes: Vec<(f64, f64)> = self.triangles.par_iter().step_by(step).map(winding).collect();
         let share = |found: &dyn Fn(f64) -> bool| {
             let area = |select: &dyn Fn(f64) -> bool| probes.iter().filter(|p| select(p.1)).map(|p| p.0).sum::<f64>();
-            area(found) / area(&|_| true)
+            (area(found) / area(&|_| true)).max(0.0)
         };
         (share(&|w| w < HOLLOW), share(&|w| w > BURIED))
     }
@@ -287,7 +289,6 @@ fn capped_tree(points: &[DVec3], triangles: &[[u32; 3]], caps: &Caps) -> Triangl
 }
 
 /// Fills the surface with tetrahedra; the inner error is a reason to fall back on cubes.
-#[expect(clippy::type_complexity, reason = "two kinds of failure: the work was stopped, or there is another way")]
 fn fill(
     surface: &Surface,
     target: usize,

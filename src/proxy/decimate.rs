@@ -358,11 +358,8 @@ impl Quadric {
         if determinant.abs() < 1e-10 * trace * trace * trace {
             return None;
         }
-        let (dyy, dyz, dzz) = (
-            self.xx * self.zz - self.xz * self.xz,
-            self.xy * self.xz - self.xx * self.yz,
-            self.xx * self.yy - self.xy * self.xy,
-        );
+        let (dyy, dyz, dzz) =
+            (self.xx * self.zz - self.xz * self.xz, self.xy * self.xz - self.xx * self.yz, self.xx * self.yy - self.xy * self.xy);
         let v = -DVec3::new(self.xw, self.yw, self.zw);
         let adjugate_v =
             DVec3::new(cx * v.x + cy * v.y + cz * v.z, cy * v.x + dyy * v.y + dyz * v.z, cz * v.x + dyz * v.y + dzz * v.z);

@@ -195,7 +195,8 @@ mod tests {
 
     #[test]
     fn a_grid_fills_its_box() {
-        let points: Vec<DVec3> = (0..1000).map(|i| DVec3::new(f64::from(i % 10), f64::from(i / 10 % 10), f64::from(i / 100))).collect();
+        let points: Vec<DVec3> =
+            (0..1000).map(|i| DVec3::new(f64::from(i % 10), f64::from(i / 10 % 10), f64::from(i / 100))).collect();
         assert!((total(&points) - 729.0).abs() < 1e-3);
     }
 
@@ -223,7 +224,8 @@ mod tests {
     fn the_proof_fails_on_a_wrong_mesh() {
         // The flipped pair: a tall bipyramid cut into two tetrahedra whose spheres contain each other's apex.
         let points = [DVec3::X, DVec3::new(-0.5, 0.8, 0.0), DVec3::new(-0.5, -0.8, 0.0), DVec3::Z * 0.2, DVec3::Z * -0.2];
-        let two = [[0, 1, 2, 3], [0, 2, 1, 4]].map(|t: [u32; 4]| if orientation(&points, t) < 0.0 { [t[1], t[0], t[2], t[3]] } else { t });
+        let two = [[0, 1, 2, 3], [0, 2, 1, 4]]
+            .map(|t: [u32; 4]| if orientation(&points, t) < 0.0 { [t[1], t[0], t[2], t[3]] } else { t });
         assert_eq!(prove(&points, &two), Err("a sphere is not empty"));
         assert_eq!(prove(&points[..4], &two[..1]), Ok(()));
         assert_eq!(prove(&points, &two[..1]), Err("a point is left out"));

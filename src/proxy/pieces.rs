@@ -104,13 +104,7 @@ fn agree(triangles: &[[u32; 3]], neighbours: &[u32]) -> Agreement {
 }
 
 /// Measures one piece; the flag says whether it has to be flipped as a whole to enclose a positive volume.
-fn measure(
-    points: &[DVec3],
-    triangles: &[[u32; 3]],
-    neighbours: &[u32],
-    turned: &[bool],
-    members: &[usize],
-) -> (Piece, bool) {
+fn measure(points: &[DVec3], triangles: &[[u32; 3]], neighbours: &[u32], turned: &[bool], members: &[usize]) -> (Piece, bool) {
     let origin = points[triangles[members[0]][0] as usize];
     let mut piece = Piece::default();
     let mut borders = Vec::new();
@@ -130,11 +124,7 @@ fn measure(
         piece.volume += caps.triangles.iter().map(|t| cone_volume(t.map(at), origin)).sum::<f64>();
     }
     let significant = !piece.open || piece.volume.abs() > SIGNIFICANT_VOLUME * piece.area.powf(1.5);
-    let flip = if significant {
-        piece.volume < 0.0
-    } else {
-        members.iter().filter(|&&t| turned[t]).count() * 2 > members.len()
-    };
+    let flip = if significant { piece.volume < 0.0 } else { members.iter().filter(|&&t| turned[t]).count() * 2 > members.len() };
     if flip {
         piece.volume = -piece.volume;
     }

@@ -51,7 +51,8 @@ fn merge(points: &[DVec3], used: &[bool], tolerance: f64) -> Vec<u32> {
     let size = 4.0 * tolerance;
     let cell = |p: DVec3| ((p - origin) / size).floor().to_array().map(|x| x as i64);
     let key = |x: i64, y: i64, z: i64| (x as u64).wrapping_add((y as u64) << 21).wrapping_add((z as u64) << 42);
-    let mut first: HashMap<u64, u32, BuildHasherDefault<CellHasher>> = HashMap::with_capacity_and_hasher(points.len(), Default::default());
+    let mut first: HashMap<u64, u32, BuildHasherDefault<CellHasher>> =
+        HashMap::with_capacity_and_hasher(points.len(), Default::default());
     let mut next = vec![u32::MAX; points.len()];
     for (v, &p) in points.iter().enumerate().filter(|(v, _)| used[*v]) {
         let (lo, hi) = (cell(p - DVec3::splat(tolerance)), cell(p + DVec3::splat(tolerance)));
@@ -144,7 +145,8 @@ mod tests {
     #[test]
     fn vertices_meet_across_cell_borders() {
         // 200 pairs along a line with steps unrelated to the cell size: some pairs straddle a border.
-        let points: Vec<DVec3> = (0..200).flat_map(|i| [0.0, 0.9e-3].map(|d| DVec3::new(f64::from(i) * 0.0377 + d, 0.0, 0.0))).collect();
+        let points: Vec<DVec3> =
+            (0..200).flat_map(|i| [0.0, 0.9e-3].map(|d| DVec3::new(f64::from(i) * 0.0377 + d, 0.0, 0.0))).collect();
         let representative = merge(&points, &vec![true; points.len()], 1e-3);
         assert!((0..200).all(|i| representative[2 * i] == 2 * i as u32 && representative[2 * i + 1] == 2 * i as u32));
     }

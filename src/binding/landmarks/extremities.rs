@@ -110,10 +110,8 @@ fn cost(between: &[Vec<f64>], head: usize, [a, b]: [usize; 2], [f, g]: [usize; 2
     let d = |i: usize, j: usize| between[i][j];
     let length = 0.5 * (d(head, f) + d(head, g));
     // Which foot is on the side of which hand is not known yet: straight and crossed pairs are compared each with its own kind.
-    let sides = (d(head, a) - d(head, b)).abs()
-        + (d(head, f) - d(head, g)).abs()
-        + (d(a, f) - d(b, g)).abs()
-        + (d(a, g) - d(b, f)).abs();
+    let sides =
+        (d(head, a) - d(head, b)).abs() + (d(head, f) - d(head, g)).abs() + (d(a, f) - d(b, g)).abs() + (d(a, g) - d(b, f)).abs();
     let proportions = (0.5 * (d(head, a) + d(head, b)) - HEAD_HAND * length).abs()
         + (0.25 * (d(a, f) + d(a, g) + d(b, f) + d(b, g)) - HAND_FOOT * length).abs()
         + (d(f, g) - FOOT_FOOT * length).abs()

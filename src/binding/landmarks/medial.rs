@@ -66,9 +66,10 @@ impl Curve {
             let most = pieces.iter().map(|p| p.0).max().unwrap_or(0);
             let chosen = match sections.last() {
                 None => pieces.iter().find(|p| p.0 == most),
-                Some(last) => pieces.iter().filter(|p| 5 * p.0 >= most).min_by(|p, q| {
-                    p.1.distance_squared(last.centre).total_cmp(&q.1.distance_squared(last.centre))
-                }),
+                Some(last) => pieces
+                    .iter()
+                    .filter(|p| 5 * p.0 >= most)
+                    .min_by(|p, q| p.1.distance_squared(last.centre).total_cmp(&q.1.distance_squared(last.centre))),
             };
             let Some(&(count, centre)) = chosen else { break };
             sections.push(Section { level, area: count as f64 * h * h * 0.5, centre });

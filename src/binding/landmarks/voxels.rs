@@ -66,8 +66,7 @@ impl Solid {
             cells.push(cell);
         }
         let offsets = STEPS.map(|d| grid.offset(d));
-        let neighbours =
-            cells.iter().map(|&cell| offsets.map(|o| voxel_of_cell[cell.wrapping_add_signed(o)])).collect();
+        let neighbours = cells.iter().map(|&cell| offsets.map(|o| voxel_of_cell[cell.wrapping_add_signed(o)])).collect();
         let centres = cells.iter().map(|&cell| grid.centre(cell)).collect();
         Some(Self { pitch: grid.pitch, centres, neighbours, grid, voxel_of_cell })
     }

@@ -83,8 +83,7 @@ fn human_walk(options: &Options) -> Option<Case> {
         .windows(2)
         .map(|range| {
             let range = range[0] as usize..range[1] as usize;
-            let mut terms: Vec<(u32, f64)> =
-                range.map(|i| (arrays["row_idx"][i] as u32, arrays["row_val"][i])).collect();
+            let mut terms: Vec<(u32, f64)> = range.map(|i| (arrays["row_idx"][i] as u32, arrays["row_val"][i])).collect();
             terms.sort_by_key(|t| t.0);
             let (indices, values) = terms.into_iter().unzip();
             Handle { name: "stored".into(), row: SparseRow { indices, values }, beta: 1000.0 }
