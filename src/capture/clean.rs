@@ -1,9 +1,9 @@
 //! Cleaning of a marker take: empty and doubled trajectories, jumps, empty ends.
 
-use super::{Cleaning, MarkerTake, gaps};
+use super::{Cleaning, MarkerTake, counted, gaps, swaps};
 use crate::error::{Error, Kind, Notes, Result};
 use glam::DVec3;
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 
 /// Two trajectories nearer than this share of the body are one marker.
 const SAME: f64 = 0.01;
@@ -40,7 +40,9 @@ pub(super) fn clean(
     }
     let size = size(take);
     join_copies(take, size, cleaning, notes);
-    remove_jumps(take, rate, size, cleaning, notes);
+    let common = common_steps(take);
+    exchange(take, &common, rate, size, cleaning, notes);
+    remove_jumps(take, &common, rate, size, cleaning, notes);
     trim(take, first_frame, cleaning, notes);
     cleaning.empty += drop_empty(take);
 
@@ -52,8 +54,9 @@ pub(super) fn clean(
     if let Some((marker, frames)) = filled.longest {
         let seconds = frames as f64 / rate;
         notes.warn(format!(
-            "{} gaps are too long to fill (longest {seconds:.2} s, {}): the markers are released meanwhile",
-            filled.left, take.labels[marker]
+            "{} too long to fill (longest {seconds:.2} s, {}): the markers are released meanwhile",
+            counted(filled.left, "gap", "gaps"),
+            take.labels[marker]
         ));
     }
     Ok(())
@@ -125,16 +128,16 @@ fn join_copies(take: &mut MarkerTake, size: f64, cleaning: &mut Cleaning, notes:
     let markers = take.markers();
     let mut kept = vec![true; markers];
     let (mut joined, mut renamed) = (Vec::new(), Vec::new());
-    let mut taken: BTreeSet<String> = take.labels.iter().cloned().collect();
+    let mut first: BTreeMap<String, usize> = BTreeMap::new();
+    for (marker, label) in take.labels.iter().enumerate() {
+        first.entry(label.clone()).or_insert(marker);
+    }
+    let mut next: BTreeMap<usize, usize> = BTreeMap::new();
     for copy in 0..markers {
         let label = take.labels[copy].clone();
-        let stem = numbered(&label);
-        let same_label = |m: &usize| take.labels[*m] == label;
-        let original = (0..copy)
-            .filter(|m| kept[*m])
-            .find(same_label)
-            .or_else(|| (0..markers).find(|m| kept[*m] && *m != copy && Some(take.labels[*m].as_str()) == stem));
-        let Some(original) = original else { continue };
+        let namesake = first.get(&label).copied().filter(|m| *m != copy);
+        let stem = numbered(&label).and_then(|stem| first.get(stem)).copied().filter(|m| kept[*m]);
+        let Some(original) = namesake.or(stem) else { continue };
         if one_marker(take, original, copy, size) {
             for frame in take.points.chunks_exact_mut(markers) {
                 if frame[original][0].is_nan() {
@@ -144,21 +147,28 @@ fn join_copies(take: &mut MarkerTake, size: f64, cleaning: &mut Cleaning, notes:
             kept[copy] = false;
             cleaning.copies += 1;
             joined.push(label);
-        } else if take.labels[original] == label {
-            let free = (2..).map(|n| format!("{label}#{n}")).find(|l| !taken.contains(l));
-            if let Some(free) = free {
-                taken.insert(free.clone());
-                renamed.push(free.clone());
-                take.labels[copy] = free;
-                cleaning.renamed += 1;
-            }
+        } else if namesake.is_some() {
+            let number = next.entry(original).or_insert(1);
+            let free = loop {
+                *number += 1;
+                let free = format!("{label}#{number}");
+                if !first.contains_key(&free) {
+                    break free;
+                }
+            };
+            first.insert(free.clone(), copy);
+            renamed.push(free.clone());
+            take.labels[copy] = free;
+            cleaning.renamed += 1;
         }
     }
     if !joined.is_empty() {
-        notes.warn(format!("{} copies of a marker are joined with it: {}", joined.len(), listed(&joined)));
+        let copies = counted(joined.len(), "copy", "copies");
+        notes.warn(format!("{copies} of a marker joined with it: {}", listed(&joined)));
     }
     if !renamed.is_empty() {
-        notes.warn(format!("{} markers share a label with another: renamed to {}", renamed.len(), listed(&renamed)));
+        let namesakes = counted(renamed.len(), "marker", "markers");
+        notes.warn(format!("{namesakes} with the label of another: renamed to {}", listed(&renamed)));
     }
     keep(take, &kept);
 }
@@ -182,13 +192,24 @@ fn one_marker(take: &MarkerTake, a: usize, b: usize, size: f64) -> bool {
     median(&mut distances) <= SAME * size
 }
 
+/// Puts right labels that two markers exchange during the take.
+fn exchange(take: &mut MarkerTake, common: &[DVec3], rate: f64, size: f64, cleaning: &mut Cleaning, notes: &mut Notes) {
+    let mended = swaps::mend(take, common, rate, size);
+    cleaning.exchanged = mended.len();
+    let said: Vec<String> =
+        mended.iter().map(|(a, b, frames)| format!("{} and {} in {frames}", take.labels[*a], take.labels[*b])).collect();
+    if !said.is_empty() {
+        let pairs = counted(said.len(), "pair of markers", "pairs of markers");
+        notes.warn(format!("{pairs} had exchanged labels, put right: {} frames", listed(&said)));
+    }
+}
+
 /// Makes gaps of jumps: steps, relative to the motion of the whole, that no body makes.
-fn remove_jumps(take: &mut MarkerTake, rate: f64, size: f64, cleaning: &mut Cleaning, notes: &mut Notes) {
+fn remove_jumps(take: &mut MarkerTake, common: &[DVec3], rate: f64, size: f64, cleaning: &mut Cleaning, notes: &mut Notes) {
     let (markers, frames) = (take.markers(), take.frames());
     if frames < 3 || size <= 0.0 {
         return;
     }
-    let common = common_steps(take);
     let step_limit = (SPEED * size / rate).max(SMALLEST_JUMP * size);
     let bend_limit = (ACCELERATION * size / (rate * rate)).max(SMALLEST_JUMP * size);
     let stray = (STRAY * rate) as usize;
@@ -229,10 +250,10 @@ fn remove_jumps(take: &mut MarkerTake, rate: f64, size: f64, cleaning: &mut Clea
         }
     }
     if cleaning.jumps > 0 {
-        notes.warn(format!("{} jumps faster than a body moves are made gaps", cleaning.jumps));
+        notes.warn(format!("{} faster than a body moves: made gaps", counted(cleaning.jumps, "jump", "jumps")));
     }
     if !fast.is_empty() {
-        notes.warn(format!("{} markers jump too often to mend: left as they are: {}", fast.len(), listed(&fast)));
+        notes.warn(format!("too many jumps to mend, left as they are: {}", listed(&fast)));
     }
 }
 
@@ -284,6 +305,7 @@ pub(super) fn cut(take: &mut MarkerTake, start: usize, end: usize) {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

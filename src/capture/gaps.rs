@@ -1,6 +1,7 @@
 //! Filling of gaps: from rigid neighbours, else by interpolation over short times, else not at all.
 
 use super::MarkerTake;
+use super::neighbours::{Present, at, steady};
 use super::rigid::{self, Motion};
 use glam::DVec3;
 use std::ops::Range;
@@ -9,10 +10,6 @@ use std::ops::Range;
 const NEIGHBOURS: usize = 4;
 /// Further neighbours that are taken in when the first ones lie on one line.
 const MORE_NEIGHBOURS: usize = 6;
-/// A neighbour is nearer than this share of the body.
-const NEAR: f64 = 0.4;
-/// The distance to a neighbour deviates by no more than this share of the body over the take.
-const RIGID: f64 = 0.03;
 /// Neighbours spread at least this share of the body across their longest direction, else their rotation is arbitrary.
 const SPREAD: f64 = 0.01;
 /// Where the neighbours carry the marker from one end of a gap further than this share of the body off the other end, it is
@@ -51,7 +48,7 @@ pub(super) fn fill(take: &mut MarkerTake, rate: f64, size: f64) -> Filled {
         if gaps.is_empty() {
             continue;
         }
-        let candidates = candidates(take, &present, marker, size);
+        let candidates = steady(take, &present, marker, size);
         for gap in gaps {
             let length = gap.len();
             let fill = carried(take, &present, marker, &gap, &candidates, rate, size);
@@ -79,80 +76,6 @@ pub(super) fn fill(take: &mut MarkerTake, rate: f64, size: f64) -> Filled {
         }
     }
     done
-}
-
-/// Which positions were measured: one bit each, since filling overwrites the points.
-struct Present {
-    bits: Vec<u64>,
-    markers: usize,
-    frames: usize,
-}
-
-impl Present {
-    fn of(take: &MarkerTake) -> Self {
-        let mut bits = vec![0; take.points.len().div_ceil(64)];
-        for (i, p) in take.points.iter().enumerate() {
-            bits[i / 64] |= u64::from(!p[0].is_nan()) << (i % 64);
-        }
-        Self { bits, markers: take.markers(), frames: take.frames() }
-    }
-
-    fn has(&self, frame: usize, marker: usize) -> bool {
-        let i = frame * self.markers + marker;
-        self.bits[i / 64] >> (i % 64) & 1 == 1
-    }
-
-    fn throughout(&self, frames: Range<usize>, marker: usize) -> bool {
-        frames.into_iter().all(|f| self.has(f, marker))
-    }
-
-    fn gaps(&self, marker: usize) -> Vec<Range<usize>> {
-        let mut gaps = Vec::new();
-        let mut start = None;
-        for frame in 0..self.frames {
-            match (self.has(frame, marker), start) {
-                (false, None) => start = Some(frame),
-                (true, Some(s)) => {
-                    gaps.push(s..frame);
-                    start = None;
-                }
-                _ => {}
-            }
-        }
-        gaps.extend(start.map(|s| s..self.frames));
-        gaps
-    }
-}
-
-fn at(take: &MarkerTake, frame: usize, marker: usize) -> DVec3 {
-    let [x, y, z] = take.points[frame * take.markers() + marker];
-    DVec3::new(x.into(), y.into(), z.into())
-}
-
-/// Markers that keep their distance to this one, the steadiest first.
-fn candidates(take: &MarkerTake, present: &Present, marker: usize, size: f64) -> Vec<usize> {
-    const SAMPLES: usize = 200;
-    const FEWEST: usize = 5;
-    let step = (present.frames / SAMPLES).max(1);
-    let frames: Vec<usize> = (0..present.frames).step_by(step).filter(|f| present.has(*f, marker)).collect();
-    let mut steady: Vec<(f64, usize)> = (0..take.markers())
-        .filter(|other| *other != marker)
-        .filter_map(|other| {
-            let (mut n, mut mean, mut squares) = (0.0, 0.0, 0.0);
-            for f in frames.iter().filter(|f| present.has(**f, other)) {
-                let d = at(take, *f, marker).distance(at(take, *f, other));
-                n += 1.0;
-                let change = d - mean;
-                mean += change / n;
-                squares += change * (d - mean);
-            }
-            let deviation = (squares / f64::max(n, 1.0)).sqrt();
-            let rigid = n >= FEWEST as f64 && mean < NEAR * size && deviation <= RIGID * size;
-            rigid.then_some((deviation, other))
-        })
-        .collect();
-    steady.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    steady.into_iter().map(|(_, other)| other).collect()
 }
 
 /// The gap filled by the rigid motion of neighbours that were seen all through it.
@@ -241,6 +164,7 @@ fn interpolated(take: &MarkerTake, present: &Present, marker: usize, gap: &Range
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

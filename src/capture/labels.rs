@@ -2,7 +2,7 @@
 
 use super::Cleaning;
 use crate::error::{Error, Kind, Notes, Result};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Stems of the axis triads that body models add to the points: origin O and the tips A, L, P of the three axes.
 const TRIADS: [&str; 21] = [
@@ -196,14 +196,16 @@ fn subject<'a>(
     notes: &mut Notes,
 ) -> Result<&'a str> {
     let mut owners: Vec<(&str, usize)> = Vec::new();
+    let mut place: BTreeMap<&str, usize> = BTreeMap::new();
     for ((owner, _), _) in split.iter().zip(roles).filter(|(_, role)| **role == Role::Body) {
-        match owners.iter_mut().find(|(o, _)| o == owner) {
-            Some((_, count)) => *count += 1,
-            None => owners.push((owner, 1)),
+        let at = *place.entry(owner).or_insert(owners.len());
+        if at == owners.len() {
+            owners.push((owner, 0));
         }
+        owners[at].1 += 1;
     }
     let named: Vec<&(&str, usize)> = owners.iter().filter(|(o, _)| !o.is_empty()).collect();
-    let list = named.iter().map(|(o, n)| format!("{o} ({n} markers)")).collect::<Vec<_>>().join(", ");
+    let list = named.iter().take(20).map(|(o, n)| format!("{o} ({n} markers)")).collect::<Vec<_>>().join(", ");
     if let Some(wanted) = wanted {
         let same = |name: &str| name.eq_ignore_ascii_case(wanted.trim().trim_end_matches(':'));
         if let Some((owner, _)) = named.iter().find(|(o, _)| same(o)) {
@@ -232,6 +234,7 @@ fn subject<'a>(
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -4,7 +4,9 @@ mod c3d;
 mod clean;
 mod gaps;
 mod labels;
+mod neighbours;
 mod rigid;
+mod swaps;
 
 #[cfg(test)]
 #[path = "../../tests/common/c3d_writer.rs"]
@@ -66,7 +68,11 @@ impl Capture {
     pub fn summary(&self) -> String {
         let Motion::Markers(take) = &self.motion;
         let rate = (self.rate * 1000.0).round() / 1000.0;
-        let mut parts = vec![format!("{} markers, {} frames at {rate} Hz", take.markers(), take.frames())];
+        let mut parts = vec![format!(
+            "{}, {} at {rate} Hz",
+            counted(take.markers(), "marker", "markers"),
+            counted(take.frames(), "frame", "frames")
+        )];
         parts.extend(self.space.unit.map(|u| u.value.to_string()));
         parts.extend(self.space.up.map(|u| format!("{} up ({})", u.value.to_string().trim_start_matches('+'), u.how)));
         parts.push(self.cleaning.to_string());
@@ -125,6 +131,8 @@ pub struct Cleaning {
     pub copies: usize,
     /// Markers that shared a label with another and were renamed.
     pub renamed: usize,
+    /// Pairs of markers that had exchanged their labels for a time and were put right.
+    pub exchanged: usize,
     /// Jumps that were made gaps.
     pub jumps: usize,
     /// Frames without markers cut off the start.
@@ -143,23 +151,29 @@ pub struct Cleaning {
 
 impl fmt::Display for Cleaning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let counted = |n: usize, one: &str, many: &str| (n > 0).then(|| format!("{n} {}", if n == 1 { one } else { many }));
+        let some = |n: usize, one: &str, many: &str| (n > 0).then(|| counted(n, one, many));
         let dropped = [
-            counted(self.ghosts, "ghost", "ghosts"),
-            counted(self.computed, "computed point", "computed points"),
-            counted(self.other_subjects, "point of other subjects", "points of other subjects"),
-            counted(self.empty, "empty marker", "empty markers"),
-            counted(self.copies, "copy", "copies"),
+            some(self.ghosts, "ghost", "ghosts"),
+            some(self.computed, "computed point", "computed points"),
+            some(self.other_subjects, "point of other subjects", "points of other subjects"),
+            some(self.empty, "empty marker", "empty markers"),
+            some(self.copies, "copy", "copies"),
         ];
         let dropped: Vec<String> = dropped.into_iter().flatten().collect();
         let parts = [
             (!dropped.is_empty()).then(|| format!("dropped {}", dropped.join(", "))),
-            counted(self.jumps, "jump removed", "jumps removed"),
-            counted(self.filled, "gap filled", "gaps filled"),
-            counted(self.left, "gap left open", "gaps left open"),
+            some(self.exchanged, "pair of labels exchanged", "pairs of labels exchanged"),
+            some(self.jumps, "jump removed", "jumps removed"),
+            some(self.filled, "gap filled", "gaps filled"),
+            some(self.left, "gap left open", "gaps left open"),
         ];
         f.write_str(&parts.into_iter().flatten().collect::<Vec<_>>().join(" · "))
     }
+}
+
+/// `1 gap`, `2 gaps`.
+fn counted(n: usize, one: &str, many: &str) -> String {
+    format!("{n} {}", if n == 1 { one } else { many })
 }
 
 /// By the first bytes, and by the extension where they say nothing.

@@ -105,18 +105,13 @@ fn rotate(a: &mut [[f64; 4]; 4], v: &mut [[f64; 4]; 4], p: usize, q: usize) {
     let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
     let c = 1.0 / (t * t + 1.0).sqrt();
     let s = t * c;
-    for k in 0..4 {
-        let (x, y) = (a[k][p], a[k][q]);
-        (a[k][p], a[k][q]) = (c * x - s * y, s * x + c * y);
-    }
-    for k in 0..4 {
-        let (x, y) = (a[p][k], a[q][k]);
-        (a[p][k], a[q][k]) = (c * x - s * y, s * x + c * y);
-    }
-    for row in v.iter_mut() {
+    for row in a.iter_mut().chain(v) {
         let (x, y) = (row[p], row[q]);
         (row[p], row[q]) = (c * x - s * y, s * x + c * y);
     }
+    let (x, y) = (a[p], a[q]);
+    a[p] = std::array::from_fn(|k| c * x[k] - s * y[k]);
+    a[q] = std::array::from_fn(|k| s * x[k] + c * y[k]);
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Promises of the capture station: written takes come back in every encoding, real files have the values that independent
 //! readers found, and no damage does harm.
-#![allow(clippy::unwrap_used, clippy::print_stderr)]
+#![allow(clippy::unwrap_used, clippy::print_stderr, clippy::excessive_precision)]
 
 use super::c3d::C3d;
 use super::c3d_writer::{C3dFile, PROCESSORS, Processor};
@@ -131,14 +131,7 @@ fn damage_does_no_harm() {
         C3dFile { processor: Processor::Dec, integers: Some(0.1), analog: 3, ..file.clone() }.bytes(),
         C3dFile { processor: Processor::Mips, ..file.clone() }.bytes(),
     ];
-    // xorshift: the same damage in every run.
-    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
-    let mut random = |below: usize| {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        (state % below as u64) as usize
-    };
+    let mut random = dice();
     let mut outcomes = [0, 0];
     for round in 0..900 {
         let mut bytes = originals[round % 3].clone();
@@ -308,6 +301,74 @@ fn files_with_nothing_to_animate_say_what_they_hold() {
     assert_eq!(missing.kind, Kind::Unreadable);
 }
 
+/// Opens a file without cleaning and reads all its points.
+fn raw(path: &Path) -> (C3d<std::io::BufReader<File>>, Vec<[f32; 3]>) {
+    let mut c3d = C3d::open(path).unwrap();
+    let columns: Vec<usize> = (0..c3d.labels.len()).collect();
+    let points = c3d.points(&columns).unwrap();
+    (c3d, points)
+}
+
+#[test]
+fn seven_kinds_of_gaps_are_told_apart() {
+    let Some(path) = real("broken/gap_kinds.c3d") else { return };
+    let (c3d, points) = raw(&path);
+    let missing: Vec<usize> = (0..14).map(|m| points.iter().skip(m).step_by(14).filter(|p| p[0].is_nan()).count()).collect();
+    // Not-a-number inside and from the start, zeros without and with a mark, huge values, never there.
+    assert_eq!(missing, [0, 0, 5, 0, 0, 4, 0, 10, 0, 3, 0, 3, 0, 20], "{:?}", c3d.labels);
+    let said: Vec<&str> = c3d.notes.iter().collect();
+    assert!(said.iter().any(|n| n.starts_with("3 positions are marked as missing but have coordinates")), "{said:?}");
+}
+
+#[test]
+fn contradictions_and_damage_are_settled_and_said() {
+    for (file, frames, label, said) in [
+        ("header_says_500_frames", 20, None, Some("announces 500 frames but holds 20")),
+        ("truncated_mid_frame", 44, None, Some("announces 450 frames but holds 44")),
+        ("header_rate_disagrees", 20, None, Some("120 Hz, POINT:RATE 100 Hz")),
+        ("units_m_values_mm", 20, None, Some("the unit is doubtful")),
+        ("duplicate_labels", 20, Some("LFHD#2"), Some("renamed to LFHD#2")),
+        ("two_subjects_one_unprefixed", 20, Some("LFHD"), Some("A is taken, --subject chooses")),
+        ("labels2_380points", 1, Some("S_RWRA"), None),
+    ] {
+        let Some(path) = real(&format!("broken/{file}.c3d")) else { continue };
+        let capture = read(&path, &ReadOptions::default()).unwrap();
+        assert_eq!(markers(&capture).frames(), frames, "{file}");
+        assert!(label.is_none_or(|l| markers(&capture).labels.iter().any(|m| m == l)), "{file}");
+        let notes: Vec<&str> = capture.notes.iter().collect();
+        assert!(said.is_none_or(|s| notes.iter().any(|n| n.contains(s))), "{file}: {notes:?}");
+    }
+}
+
+#[test]
+fn real_takes_keep_their_body_markers_only() {
+    for (file, kept, ghosts, computed, first, frames) in [
+        ("pig_antom_walk", 35, 0, 158, 143, 320),
+        ("pig_antom_static", 35, 66, 102, 1, 300),
+        ("pycgm_rom_static", 35, 4, 102, 1, 275),
+        ("cmu_01_01", 41, 0, 0, 40, 2751),
+        ("mocap36", 36, 0, 0, 1, 1151),
+        ("mac_gait_dec", 33, 0, 0, 134, 194),
+    ] {
+        let Some(path) = real(&format!("c3d/{file}.c3d")) else { continue };
+        let capture = read(&path, &ReadOptions::default()).unwrap();
+        let found = (markers(&capture).markers(), capture.cleaning.ghosts, capture.cleaning.computed);
+        assert_eq!(found, (kept, ghosts, computed), "{file}");
+        assert_eq!((capture.first_frame, markers(&capture).frames()), (first, frames), "{file}");
+    }
+}
+
+#[test]
+fn a_subject_is_chosen_by_name() {
+    let Some(path) = real("c3d/art_human_2persons_integer.c3d") else { return };
+    let of = |name: &str| read(&path, &ReadOptions { subject: Some(name.into()), ..ReadOptions::default() });
+    let second = of("human2:").unwrap();
+    assert_eq!((second.name.as_str(), markers(&second).markers()), ("Human2", 21));
+    let foot = markers(&second).labels.iter().position(|l| l == "RFOO").unwrap();
+    assert!(markers(&second).point(499, foot).unwrap().distance(DVec3::new(-669.095, 219.814, 99.176)) < 1e-3);
+    assert!(of("Human3").unwrap_err().to_string().contains("Human1 (21 markers), Human2 (21 markers)"));
+}
+
 /// Prints what reading every file gives: `cargo test --release --lib every_real -- --nocapture`.
 #[test]
 fn every_real_file_is_read_or_refused_with_words() {
@@ -331,5 +392,76 @@ fn every_real_file_is_read_or_refused_with_words() {
                 }
             }
         }
+    }
+}
+
+/// The same pseudo-random numbers in every run (xorshift).
+fn dice() -> impl FnMut(usize) -> usize {
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    move |below| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state % below as u64) as usize
+    }
+}
+
+#[test]
+fn hidden_half_seconds_of_real_takes_are_filled_to_a_fraction_of_the_body() {
+    for file in ["cmu_01_01", "pig_antom_walk", "mocap36"] {
+        let Some(path) = real(&format!("c3d/{file}.c3d")) else { continue };
+        let capture = read(&path, &ReadOptions::default()).unwrap();
+        let truth = markers(&capture);
+        let size = clean::size(truth);
+        let length = (0.5 * capture.rate) as usize;
+        let mut roll = dice();
+        let mut errors = Vec::new();
+        for _ in 0..60 {
+            let marker = roll(truth.markers());
+            let start = 2 + roll(truth.frames() - length - 4);
+            let mut take = truth.clone();
+            for f in start..start + length {
+                take.points[f * truth.markers() + marker] = [f32::NAN; 3];
+            }
+            gaps::fill(&mut take, capture.rate, size);
+            errors.extend(
+                (start..start + length).filter_map(|f| Some(take.point(f, marker)?.distance(truth.point(f, marker)?) / size)),
+            );
+        }
+        errors.sort_by(f64::total_cmp);
+        assert!(errors.len() > 50 * length, "{file}: only {} positions are filled", errors.len());
+        // A straight line is off by 1.5 to 3 % in the median and 6 to 12 % in the ninth decile.
+        let (median, decile) = (errors[errors.len() / 2], errors[errors.len() * 9 / 10]);
+        assert!(median < 0.004 && decile < 0.017, "{file}: median {median:.4}, ninth decile {decile:.4} of the body");
+    }
+}
+
+#[test]
+fn labels_exchanged_in_real_takes_are_put_right() {
+    for file in ["cmu_01_01", "pig_antom_walk", "mocap36"] {
+        let Some(path) = real(&format!("c3d/{file}.c3d")) else { continue };
+        let capture = read(&path, &ReadOptions::default()).unwrap();
+        let truth = markers(&capture);
+        let mut roll = dice();
+        let mut right = 0;
+        for _ in 0..20 {
+            let a = roll(truth.markers());
+            let start = roll(truth.frames() - 60);
+            let apart = |b: &usize| truth.point(start, a).zip(truth.point(start, *b)).map(|(p, q)| p.distance(q));
+            let others = (0..truth.markers()).filter(|b| *b != a && apart(b).is_some());
+            let Some(b) = others.min_by(|x, y| apart(x).unwrap().total_cmp(&apart(y).unwrap())) else { continue };
+            let mut take = truth.clone();
+            for f in start..start + 50 {
+                take.points.swap(f * truth.markers() + a, f * truth.markers() + b);
+            }
+            let (mut cleaning, mut notes) = (Cleaning::default(), Notes::default());
+            clean::clean(&mut take, &mut 1, capture.rate, &mut cleaning, &mut notes).unwrap();
+            let worst =
+                (0..take.frames()).filter_map(|f| Some(take.point(f, a)?.distance(truth.point(f, a)?))).fold(0.0, f64::max);
+            let pair = format!("{file}: {} and {} at {start}", truth.labels[a], truth.labels[b]);
+            assert!(cleaning.exchanged == 0 || worst < 20.0, "{pair}: made worse, off by {worst}");
+            right += cleaning.exchanged;
+        }
+        assert!(right >= 18, "{file}: only {right} of 20 are put right");
     }
 }

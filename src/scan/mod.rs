@@ -23,6 +23,7 @@ use glam::DVec3;
 use std::path::{Path, PathBuf};
 
 pub(crate) use mtl::{folder_of, locate};
+pub(crate) use remarks::statements;
 pub use triangulate::Triangles;
 
 /// Reads a mesh file: OBJ with its material libraries, PLY, or STL, each also packed by gzip. The content decides, then the extension.

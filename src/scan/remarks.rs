@@ -37,6 +37,18 @@ impl Remarks {
     }
 }
 
+/// What [`Remarks`] would read `space` from, as far as it comes from a file.
+pub(crate) fn statements(space: &Space) -> Vec<String> {
+    let from_file = |how| how == Evidence::File;
+    let axis = |a: Axis| format!("{}{}", if a.negative { '-' } else { '+' }, ['X', 'Y', 'Z'][a.index]);
+    let unit = space.unit.filter(|u| from_file(u.how)).map(|u| format!("units: {}", u.value));
+    let up = space.up.filter(|u| from_file(u.how)).map(|u| format!("up axis: {}", axis(u.value)));
+    let forward = space.forward.filter(|f| from_file(f.how)).map(|f| (f.value, Axis::nearest(f.value)));
+    let forward =
+        forward.filter(|(vector, nearest)| nearest.vector() == *vector).map(|(_, a)| format!("forward axis: {}", axis(a)));
+    [unit, up, forward].into_iter().flatten().collect()
+}
+
 /// The one value that all statements agree on.
 fn agreed<T: PartialEq + Copy>(mut values: impl Iterator<Item = T>, what: &str, notes: &mut Notes) -> Option<T> {
     let first = values.next()?;
@@ -103,6 +115,15 @@ mod tests {
         assert_eq!(space_of(&["Units: mm"]).0.unit.unwrap().value, Unit::Millimetre);
         assert_eq!(space_of(&["unit = inches"]).0.unit.unwrap().value, Unit::Inch);
         assert_eq!(space_of(&["up axis: Y"]).0.up.unwrap().value, "Y".parse().unwrap());
+    }
+
+    #[test]
+    fn statements_read_back() {
+        for comment in ["mm, Z up, faces -Y", "units: mm, Z up, faces -Y", "metres", "Y up"] {
+            let (space, _) = space_of(&[comment]);
+            let written = statements(&space);
+            assert_eq!(space_of(&written.iter().map(String::as_str).collect::<Vec<_>>()).0, space);
+        }
     }
 
     #[test]

@@ -124,7 +124,8 @@ pub(super) fn check_key(block: &[u8]) -> Result<()> {
         }
         found => Err(Error::malformed("not a C3D file")
             .at(found.map_or("byte 2 is missing".into(), |b| format!("byte 2 is 0x{b:02x}")))
-            .expected("0x50")),
+            .expected("0x50, the mark of C3D")
+            .hint("a C3D file with labelled markers")),
     }
 }
 
@@ -145,6 +146,7 @@ pub(super) fn processor(block: &[u8; BLOCK as usize], code: Option<u8>, file_byt
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

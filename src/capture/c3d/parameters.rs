@@ -4,6 +4,13 @@
 //! sizes that contradict the offset. Whatever cannot be read is left out, because the header alone is enough for the points.
 
 use super::header::Processor;
+use std::collections::BTreeMap;
+
+/// No parameter has more strings, and no name more numbered continuations, than points fit a frame.
+const MOST_TEXTS: usize = 65_535;
+const MOST_PARTS: usize = MOST_TEXTS / 255 + 1;
+/// Numbers that are wanted of one parameter.
+const MOST_NUMBERS: usize = 16;
 
 /// One value or array of values.
 struct Parameter<'a> {
@@ -19,14 +26,14 @@ struct Parameter<'a> {
 /// All parameters that could be read.
 pub(super) struct Parameters<'a> {
     processor: Processor,
-    groups: Vec<(i8, String)>,
+    groups: BTreeMap<i8, String>,
     entries: Vec<Parameter<'a>>,
 }
 
 impl<'a> Parameters<'a> {
     /// Walks the entries of a section that begins after its four leading bytes.
     pub(super) fn parse(section: &'a [u8], processor: Processor) -> Self {
-        let mut found = Self { processor, groups: Vec::new(), entries: Vec::new() };
+        let mut found = Self { processor, groups: BTreeMap::new(), entries: Vec::new() };
         let mut at = 0;
         while let Some(next) = found.entry(section, at) {
             at = next;
@@ -45,7 +52,7 @@ impl<'a> Parameters<'a> {
         let offset_at = at + 2 + length;
         let offset = usize::from(self.processor.u16([*section.get(offset_at)?, *section.get(offset_at + 1)?]));
         if id < 0 {
-            self.groups.push((id.wrapping_neg(), name));
+            self.groups.entry(id.wrapping_neg()).or_insert(name);
         } else if let Some(rest) = section.get(offset_at + 2..) {
             self.entries.extend(parameter(id, name, rest));
         }
@@ -54,21 +61,22 @@ impl<'a> Parameters<'a> {
 
     /// Whether a group of this name exists.
     pub(super) fn has_group(&self, group: &str) -> bool {
-        self.groups.iter().any(|(_, name)| name == group)
+        self.groups.values().any(|name| name == group)
     }
 
     /// The first parameter of this name: duplicates occur, and the first is the one that other readers take.
     fn find(&self, group: &str, name: &str) -> Option<&Parameter<'a>> {
-        self.entries.iter().find(|p| p.name == name && self.groups.iter().any(|(id, g)| *id == p.group && g == group))
+        self.entries.iter().find(|p| p.name == name && self.groups.get(&p.group).is_some_and(|g| g == group))
     }
 
-    /// Numbers of any type; integers of 16 bits as unsigned ones, because counts are written beyond 32,767.
+    /// The first numbers of a parameter of any type; integers of 16 bits as unsigned ones, because counts are written beyond 32,767.
     pub(super) fn numbers(&self, group: &str, name: &str) -> Vec<f64> {
         let Some(p) = self.find(group, name) else { return Vec::new() };
+        let values = p.data.chunks_exact(usize::from(p.kind.unsigned_abs()).max(1)).take(MOST_NUMBERS);
         match p.kind {
-            1 => p.data.iter().map(|b| f64::from(*b)).collect(),
-            2 => p.data.chunks_exact(2).map(|b| f64::from(self.processor.u16([b[0], b[1]]))).collect(),
-            4 => p.data.chunks_exact(4).map(|b| f64::from(self.processor.f32([b[0], b[1], b[2], b[3]]))).collect(),
+            1 => values.map(|b| f64::from(b[0])).collect(),
+            2 => values.map(|b| f64::from(self.processor.u16([b[0], b[1]]))).collect(),
+            4 => values.map(|b| f64::from(self.processor.f32([b[0], b[1], b[2], b[3]]))).collect(),
             _ => Vec::new(),
         }
     }
@@ -83,7 +91,7 @@ impl<'a> Parameters<'a> {
         match self.find(group, name) {
             Some(p) if p.kind == -1 => match usize::from(p.dims.first().copied().unwrap_or(1)) {
                 0 => Vec::new(),
-                width => p.data.chunks(width).map(text).collect(),
+                width => p.data.chunks(width).take(MOST_TEXTS).map(text).collect(),
             },
             _ => Vec::new(),
         }
@@ -92,7 +100,7 @@ impl<'a> Parameters<'a> {
     /// The strings of `NAME`, `NAME2`, `NAME3`, …: one parameter holds at most 255.
     pub(super) fn long_texts(&self, group: &str, name: &str) -> Vec<String> {
         let mut all = self.texts(group, name);
-        for n in 2.. {
+        for n in 2..=MOST_PARTS {
             let more = self.texts(group, &format!("{name}{n}"));
             if more.is_empty() {
                 break;

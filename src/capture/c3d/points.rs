@@ -3,13 +3,15 @@
 //! The fourth value of a point should be negative where the point is missing, but systems also write zeros, huge numbers or
 //! not-a-number with any fourth value, and a negative one beside good coordinates (points that the capture system filled, or all
 //! points of a take). So the coordinates decide: a point is missing where they are not finite, all exactly zero, or huge; a
-//! negative fourth value counts only where the coordinates merely repeat the frame before.
+//! negative fourth value counts only where the coordinates merely repeat the frame before, and not where all values are negative.
 
 use super::header::{Header, Processor};
 use std::io::{self, Read};
 
 /// No marker is this far from the origin in any unit in use (10 km in mm); systems write ±1e9 for a missing point.
 const HUGE: f32 = 1e7;
+
+const MISSING: [f32; 3] = [f32::NAN; 3];
 
 /// What the validity rules met.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -35,21 +37,35 @@ pub(super) fn read(
     let mut points = Vec::with_capacity(frames * columns.len());
     let mut before = vec![[f32::NAN; 3]; columns.len()];
     let mut doubtful = Doubtful::default();
+    let mut held = Vec::new();
+    let mut trusted = 0;
     let bytes = 4 * header.value_bytes() as usize;
     for _ in 0..frames {
         source.read_exact(&mut buffer)?;
         for (column, before) in columns.iter().zip(&mut before) {
             let (p, marked) = decode.point(&buffer[column * bytes..(column + 1) * bytes]);
-            points.push(judge(p, marked, *before, &mut doubtful));
+            let p = judge(p, &mut doubtful);
+            match marked {
+                _ if p[0].is_nan() => {}
+                false => trusted += 1,
+                true if p == *before => held.push(points.len()),
+                true => doubtful.marked_but_there += 1,
+            }
+            points.push(p);
             *before = p;
         }
+    }
+    if trusted > 0 {
+        doubtful.held = held.len();
+        held.iter().for_each(|i| points[*i] = MISSING);
+    } else {
+        doubtful.marked_but_there += held.len();
     }
     Ok((points, doubtful))
 }
 
-/// The point, or NaN where it is missing.
-fn judge(p: [f32; 3], marked: bool, before: [f32; 3], doubtful: &mut Doubtful) -> [f32; 3] {
-    const MISSING: [f32; 3] = [f32::NAN; 3];
+/// The point, or NaN where its coordinates say that it is missing.
+fn judge(p: [f32; 3], doubtful: &mut Doubtful) -> [f32; 3] {
     if p.iter().any(|c| !c.is_finite()) || p == [0.0; 3] {
         return MISSING;
     }
@@ -57,11 +73,6 @@ fn judge(p: [f32; 3], marked: bool, before: [f32; 3], doubtful: &mut Doubtful) -
         doubtful.huge += 1;
         return MISSING;
     }
-    if marked && p == before {
-        doubtful.held += 1;
-        return MISSING;
-    }
-    doubtful.marked_but_there += usize::from(marked);
     p
 }
 
@@ -91,6 +102,7 @@ fn negative_as_integer(word: f32) -> bool {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
@@ -103,21 +115,35 @@ mod tests {
         assert!(!negative_as_integer(4.0));
     }
 
+    /// Frames of one point as floats.
+    fn one_point(frames: &[[f32; 4]]) -> (Vec<[f32; 3]>, Doubtful) {
+        let bytes: Vec<u8> = frames.iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
+        let header = Header { points: 1, analog: 0, first: 1, last: 1, scale: -1.0, data_block: 3, rate: 100.0 };
+        read(&mut bytes.as_slice(), &header, Processor::Intel, &[0], frames.len()).unwrap()
+    }
+
     #[test]
     fn coordinates_decide_and_the_mark_only_confirms() {
-        let mut seen = Doubtful::default();
-        let good = [1.0, 2.0, 3.0];
-        assert_eq!(judge(good, false, good, &mut seen), good);
-        assert_eq!(judge(good, true, [1.0, 2.0, 2.5], &mut seen), good);
-        for (p, marked, before) in [
-            ([f32::NAN, 2.0, 3.0], false, good),
-            ([f32::INFINITY, 2.0, 3.0], false, good),
-            ([0.0, -0.0, 0.0], false, good),
-            ([-1e9; 3], false, good),
-            (good, true, good),
-        ] {
-            assert!(judge(p, marked, before, &mut seen)[0].is_nan(), "{p:?} {marked}");
-        }
+        let (points, seen) = one_point(&[
+            [1.0, 2.0, 3.0, 0.0],
+            [1.0, 2.0, 3.5, -1.0],
+            [1.0, 2.0, 3.5, -1.0],
+            [1.0, 2.0, 3.5, 0.0],
+            [f32::NAN, 2.0, 3.0, 0.0],
+            [1.0, f32::INFINITY, 3.0, 0.0],
+            [0.0, -0.0, 0.0, 0.0],
+            [-1e9, -1e9, -1e9, 0.0],
+        ]);
+        let there: Vec<bool> = points.iter().map(|p| !p[0].is_nan()).collect();
+        assert_eq!(there, [true, true, false, true, false, false, false, false]);
         assert_eq!(seen, Doubtful { marked_but_there: 1, held: 1, huge: 1 });
+    }
+
+    #[test]
+    fn a_mark_on_every_point_says_nothing() {
+        let (points, seen) = one_point(&[[1.0, 2.0, 3.0, -1.0], [1.0, 2.0, 3.0, -1.0], [0.0, 0.0, 0.0, -1.0]]);
+        assert_eq!(points[1], [1.0, 2.0, 3.0]);
+        assert!(points[2][0].is_nan());
+        assert_eq!(seen, Doubtful { marked_but_there: 2, held: 0, huge: 0 });
     }
 }
