@@ -131,10 +131,11 @@ struct Batch {
 /// # Errors
 /// The first failure of any stage; nothing is left behind then. The report is returned unfinished, since it also tells of the outputs.
 pub fn run(mut job: Job<'_>, progress: &(dyn Fn(usize) + Sync)) -> Result<Outcome> {
-    let needs = job.sinks.iter().map(|s| s.needs()).fold(Needs::default(), |a, b| Needs {
-        points: a.points || b.points || b.normals,
-        normals: a.normals || b.normals,
-    });
+    let needs = job
+        .sinks
+        .iter()
+        .map(|s| s.needs())
+        .fold(Needs::default(), |a, b| Needs { points: a.points || b.points || b.normals, normals: a.normals || b.normals });
     for sink in &mut job.sinks {
         sink.begin(&job.header)?;
     }
@@ -147,7 +148,11 @@ pub fn run(mut job: Job<'_>, progress: &(dyn Fn(usize) + Sync)) -> Result<Outcom
         write_ms: 0.0,
     };
     let mut solver = Solver::new(job, progress);
-    if solver.job.overlap { overlapped(&mut solver, &mapper, &mut writer)? } else { in_turn(&mut solver, &mapper, &mut writer)? }
+    if solver.job.overlap {
+        overlapped(&mut solver, &mapper, &mut writer)?
+    } else {
+        in_turn(&mut solver, &mapper, &mut writer)?
+    }
     let mut outcome = solver.outcome;
     outcome.stage_ms[1] = writer.map_ms;
     outcome.stage_ms[2] = writer.write_ms;

@@ -1,11 +1,11 @@
 //! Measures of a run, and the report file, which is written as frames finish.
 
 use crate::deform::FrameStats;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::export::Written;
+use crate::export::files::Pending;
 use serde_json::{Value, json};
-use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Version of the layout of the report file; `docs/report.schema.json` describes it.
 pub const VERSION: u32 = 1;
@@ -73,36 +73,29 @@ impl Spread {
     }
 }
 
+/// Text kept back until it is worth a write.
+const BUFFER: usize = 1 << 16;
+
 /// Writes the report file beside its target and renames it at the end.
 #[derive(Debug)]
 pub struct ReportWriter {
-    target: PathBuf,
-    file: BufWriter<tempfile::NamedTempFile>,
+    file: Pending,
+    buffer: String,
     frames: usize,
 }
 
 impl ReportWriter {
     /// Opens the file and writes the head: inputs, decisions, set-up times.
+    ///
+    /// # Errors
+    /// [`crate::error::Kind::Unwritable`], here and in the other functions.
     pub fn begin(target: &Path, head: &[(&str, Value)]) -> Result<Self> {
-        let folder = target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let mut builder = tempfile::Builder::new();
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            builder.permissions(std::fs::Permissions::from_mode(0o666));
-        }
-        let file = builder.prefix(".retarget-").tempfile_in(folder).map_err(|e| Error::unwritable(target, &e))?;
-        let mut writer = Self { target: target.to_owned(), file: BufWriter::new(file), frames: 0 };
-        writer.text(&format!("{{\n\"version\": {VERSION}"))?;
+        let mut buffer = format!("{{\n\"version\": {VERSION}");
         for (key, value) in head {
-            writer.text(&format!(",\n{}: {value}", json!(key)))?;
+            buffer += &format!(",\n{}: {value}", json!(key));
         }
-        writer.text(",\n\"frames\": [")?;
-        Ok(writer)
-    }
-
-    fn text(&mut self, text: &str) -> Result<()> {
-        self.file.write_all(text.as_bytes()).map_err(|e| Error::unwritable(&self.target, &e))
+        buffer += ",\n\"frames\": [";
+        Ok(Self { file: Pending::create(target)?, buffer, frames: 0 })
     }
 
     /// Adds a frame. `names` are the names of the handles.
@@ -122,7 +115,12 @@ impl ReportWriter {
         });
         let separator = if self.frames == 0 { "\n" } else { ",\n" };
         self.frames += 1;
-        self.text(&format!("{separator}{value}"))
+        self.buffer += &format!("{separator}{value}");
+        if self.buffer.len() >= BUFFER {
+            self.file.write(self.buffer.as_bytes())?;
+            self.buffer.clear();
+        }
+        Ok(())
     }
 
     /// Writes outputs, warnings and memory, and puts the file in place.
@@ -141,17 +139,14 @@ impl ReportWriter {
                 })
             })
             .collect();
-        let tail = format!(
+        self.buffer += &format!(
             "\n],\n\"outputs\": {},\n\"warnings\": {},\n\"peak_mb\": {}\n}}\n",
             json!(outputs),
             json!(warnings),
             json!(peak_megabytes())
         );
-        self.text(&tail)?;
-        let target = self.target;
-        let file = self.file.into_inner().map_err(|e| Error::unwritable(&target, e.error()))?;
-        file.persist(&target).map_err(|e| Error::unwritable(&target, &e.error))?;
-        Ok(())
+        self.file.write(self.buffer.as_bytes())?;
+        self.file.finish().map(drop)
     }
 }
 

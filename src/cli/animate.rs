@@ -84,16 +84,11 @@ impl Setup {
         cancel.check()?;
 
         let rows = HandleRows::new(&proxy, args.map.into());
-        let handles: Vec<Handle> = binding
-            .handles
-            .iter()
-            .map(|h| Handle { name: h.label.clone(), row: rows.row(h.attachment), beta: h.beta })
-            .collect();
+        let handles: Vec<Handle> =
+            binding.handles.iter().map(|h| Handle { name: h.label.clone(), row: rows.row(h.attachment), beta: h.beta }).collect();
         let options = Options { tolerance: args.quality.tolerance(), iterations: args.iterations, ..Options::default() };
-        let (map, deformer) = rayon::join(
-            || SurfaceMap::build(&proxy, &points, args.map.into()),
-            || Volumetric::new(&proxy, &handles, &options),
-        );
+        let (map, deformer) =
+            rayon::join(|| SurfaceMap::build(&proxy, &points, args.map.into()), || Volumetric::new(&proxy, &handles, &options));
         let (map, deformer) = (Arc::new(map?), deformer?);
         clock.lap("map and factor");
         cancel.check()?;
@@ -395,7 +390,8 @@ fn done_line(outcome: &Outcome, total: f64, handles: &[Handle], metres: Option<f
         Some(m) => words::length(scan_units * m),
         None => format!("{} units", words::digits(scan_units)),
     };
-    let residual = |mm: f64| if metres.is_some() { format!("{} mm", words::digits(mm)) } else { format!("{} units", words::digits(mm)) };
+    let residual =
+        |mm: f64| if metres.is_some() { format!("{} mm", words::digits(mm)) } else { format!("{} units", words::digits(mm)) };
     let mut parts = vec![words::seconds(total)];
     if let Some((worst, handle, frame)) = outcome.worst {
         parts.push(format!(
@@ -434,7 +430,10 @@ fn interrupted_where(error: Error, progress: &super::console::Progress, frames: 
     if error.kind != Kind::Interrupted {
         return error;
     }
-    Error::new(Kind::Interrupted, format!("interrupted after {} of {} frames; nothing was written", words::count(progress.done()), words::count(frames)))
+    Error::new(
+        Kind::Interrupted,
+        format!("interrupted after {} of {} frames; nothing was written", words::count(progress.done()), words::count(frames)),
+    )
 }
 
 fn file_name(path: &std::path::Path) -> String {

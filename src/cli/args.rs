@@ -234,7 +234,8 @@ mod tests {
 
     #[test]
     fn the_main_job_and_a_subcommand_share_the_line() {
-        let cli = Cli::try_parse_from(["retarget", "a.obj", "b.c3d", "-o", "c.glb", "-o", "d.pc2", "--frames", "-5..20"]).unwrap();
+        let cli =
+            Cli::try_parse_from(["retarget", "a.obj", "b.c3d", "-o", "c.glb", "-o", "d.pc2", "--frames", "-5..20"]).unwrap();
         let animate = cli.animate.unwrap();
         assert_eq!(animate.out.len(), 2);
         assert_eq!(animate.frames, Some((-5, 20)));

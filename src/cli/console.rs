@@ -17,7 +17,7 @@ const PLAIN_INTERVAL: Duration = Duration::from_secs(5);
 
 /// What the user wants to read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Level {
+pub(super) enum Level {
     /// Errors only.
     Quiet,
     /// One line per station, warnings, progress.
@@ -28,44 +28,44 @@ pub enum Level {
 
 /// Prints for people, in one voice.
 #[derive(Debug)]
-pub struct Console {
+pub(super) struct Console {
     level: Level,
 }
 
 impl Console {
     /// A console at this level.
-    pub fn new(level: Level) -> Self {
+    pub(super) fn new(level: Level) -> Self {
         Self { level }
     }
 
     /// A line of the decisions block: the station's name and what it decided.
-    pub fn station(&self, name: &str, text: &str) {
+    pub(super) fn station(&self, name: &str, text: &str) {
         if self.level != Level::Quiet {
             eprintln!("\x1b[1m{name:<8}\x1b[0m {text}");
         }
     }
 
     /// A line for `--verbose`.
-    pub fn detail(&self, text: &str) {
+    pub(super) fn detail(&self, text: &str) {
         if self.level == Level::Verbose {
             eprintln!("         \x1b[2m{text}\x1b[0m");
         }
     }
 
     /// A warning: doubtful input, and what was assumed.
-    pub fn warning(&self, text: &str) {
+    pub(super) fn warning(&self, text: &str) {
         if self.level != Level::Quiet {
             eprintln!("\x1b[33mwarning\x1b[0m  {text}");
         }
     }
 
     /// An error, always printed.
-    pub fn error(&self, error: &Error) {
+    pub(super) fn error(&self, error: &Error) {
         eprintln!("\x1b[1;31merror\x1b[0m: {error}");
     }
 
     /// Starts telling of progress through `total` frames.
-    pub fn progress(&self, total: usize) -> Progress {
+    pub(super) fn progress(&self, total: usize) -> Progress {
         let drawn = self.level != Level::Quiet && std::io::stderr().is_terminal();
         let bar = drawn.then(|| {
             let bar = ProgressBar::new(total as u64);
@@ -74,13 +74,20 @@ impl Console {
             bar
         });
         let now = Instant::now();
-        Progress { bar, plain: self.level != Level::Quiet && !drawn, total, start: now, last: Mutex::new(now), done: AtomicUsize::new(0) }
+        Progress {
+            bar,
+            plain: self.level != Level::Quiet && !drawn,
+            total,
+            start: now,
+            last: Mutex::new(now),
+            done: AtomicUsize::new(0),
+        }
     }
 }
 
 /// Progress through the frames: a bar on a terminal, a plain line every few seconds elsewhere.
 #[derive(Debug)]
-pub struct Progress {
+pub(super) struct Progress {
     bar: Option<ProgressBar>,
     plain: bool,
     total: usize,
@@ -91,7 +98,7 @@ pub struct Progress {
 
 impl Progress {
     /// So many frames are done.
-    pub fn at(&self, done: usize) {
+    pub(super) fn at(&self, done: usize) {
         self.done.store(done, Ordering::Relaxed);
         if let Some(bar) = &self.bar {
             bar.set_position(done as u64);
@@ -107,12 +114,12 @@ impl Progress {
     }
 
     /// Frames done so far.
-    pub fn done(&self) -> usize {
+    pub(super) fn done(&self) -> usize {
         self.done.load(Ordering::Relaxed)
     }
 
     /// Removes the bar.
-    pub fn finish(&self) {
+    pub(super) fn finish(&self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
         }

@@ -76,12 +76,7 @@ fn mesh(path: &Path) -> Result<Found> {
             words::plural(quads, "quad"),
             words::count(larger)
         ),
-        format!(
-            "box {} .. {} · diagonal {}",
-            triple(lo),
-            triple(hi),
-            words::digits(unit_box.diagonal)
-        ),
+        format!("box {} .. {} · diagonal {}", triple(lo), triple(hi), words::digits(unit_box.diagonal)),
         format!(
             "{} · {} · {} · {}",
             words::plural(look.materials.len(), "material"),
@@ -189,8 +184,10 @@ fn binary_gltf(path: &Path) -> Result<Found> {
     let text = bytes.get(20..20usize.saturating_add(length)).ok_or_else(|| broken("the JSON chunk is cut short"))?;
     let json: Value = serde_json::from_slice(text).map_err(|e| broken(&format!("the JSON chunk is broken: {e}")))?;
     let list = |key: &str| json[key].as_array().cloned().unwrap_or_default();
-    let count = |accessor: &Value| accessor.as_u64().and_then(|i| json["accessors"][i as usize]["count"].as_u64()).unwrap_or(0) as usize;
-    let primitives: Vec<Value> = list("meshes").iter().flat_map(|m| m["primitives"].as_array().cloned().unwrap_or_default()).collect();
+    let count =
+        |accessor: &Value| accessor.as_u64().and_then(|i| json["accessors"][i as usize]["count"].as_u64()).unwrap_or(0) as usize;
+    let primitives: Vec<Value> =
+        list("meshes").iter().flat_map(|m| m["primitives"].as_array().cloned().unwrap_or_default()).collect();
     let vertices: usize = primitives.iter().map(|p| count(&p["attributes"]["POSITION"])).sum();
     let triangles: usize = primitives.iter().map(|p| count(&p["indices"]) / 3).sum();
     let joints: usize = list("skins").iter().map(|s| s["joints"].as_array().map_or(0, Vec::len)).sum();
