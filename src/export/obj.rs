@@ -185,12 +185,10 @@ fn faces(scan: &Scan, normals: &NormalVertices) -> String {
     for f in 0..mesh.faces.len() {
         let new_group = look.face_groups.get(f).and_then(|&g| look.groups.get(g as usize)).unwrap_or(&nothing);
         if new_group != group {
-            // An object statement ends the group before it.
-            let object_changes = new_group.object != group.object;
-            if object_changes {
+            if new_group.object != group.object {
                 line(&mut text, "o", new_group.object.as_deref());
             }
-            if (object_changes && new_group.group.is_some()) || (!object_changes && new_group.group != group.group) {
+            if new_group.group != group.group {
                 line(&mut text, "g", new_group.group.as_deref());
             }
             group = new_group;

@@ -109,6 +109,11 @@ fn names_in(folder: &Path, line: &str) -> Vec<String> {
     names
 }
 
+/// A name without quotation marks around it.
+pub(super) fn unquoted(bytes: &[u8]) -> &[u8] {
+    bytes.strip_prefix(b"\"").and_then(|b| b.strip_suffix(b"\"")).unwrap_or(bytes)
+}
+
 fn read(path: &Path) -> std::io::Result<Vec<u8>> {
     if fs::metadata(path)?.len() > LARGEST {
         return Err(std::io::Error::other("larger than 64 MiB"));
@@ -142,7 +147,7 @@ fn parse(bytes: &[u8], folder: &Path, notes: &mut Notes) -> Vec<Material> {
         let Some(keyword) = words.next() else { continue };
         let keyword = keyword.to_ascii_lowercase();
         if keyword == b"newmtl" {
-            sections.push(Section { name: name(words.rest()), ..Section::default() });
+            sections.push(Section { name: name(unquoted(words.rest())), ..Section::default() });
         } else if let Some(section) = sections.last_mut() {
             section.statement(&keyword, words);
         }
@@ -151,7 +156,7 @@ fn parse(bytes: &[u8], folder: &Path, notes: &mut Notes) -> Vec<Material> {
     let moved = sections.iter().filter(|s| s.moved_texture).count();
     let materials = sections.into_iter().map(|s| s.material(folder, &mut missing)).collect();
     if moved > 0 {
-        notes.warn(format!("{moved} materials move or scale their texture (-o, -s, -t), which is ignored"));
+        notes.warn(format!("materials that move or scale their texture (-o, -s, -t), which is ignored: {moved}"));
     }
     missing.dedup();
     if !missing.is_empty() {

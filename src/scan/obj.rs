@@ -1,6 +1,6 @@
 //! Wavefront OBJ.
 
-use super::mtl::{self, Libraries};
+use super::mtl::{Libraries, folder_of, unquoted};
 use super::remarks::Remarks;
 use super::text::{Lines, Words, name, number, quote};
 use super::weld::{bits, first_equal};
@@ -109,7 +109,7 @@ impl Reader {
             }
             b"mtllib" => self.scan.look.material_libraries.push(name(words.rest())),
             b"o" => {
-                self.group = Group { object: some_name(words.rest()), group: None };
+                self.group.object = some_name(words.rest());
                 self.group_index = None;
             }
             b"g" => {
@@ -305,7 +305,7 @@ impl Reader {
         scale_notes.into_iter().for_each(|note| scan.notes.warn(note));
         scan.space = self.remarks.space(&mut scan.notes);
         let libraries = std::mem::take(&mut scan.look.material_libraries);
-        let folder = mtl::folder_of(path);
+        let folder = folder_of(path);
         let found = Libraries::load(folder, &libraries, &mut scan.notes);
         found.fill(&mut scan.look.materials, !libraries.is_empty(), &mut scan.notes);
         scan.look.material_libraries = found.names;
@@ -318,15 +318,15 @@ impl Reader {
         let notes = &mut self.scan.notes;
         let mut note = |count: usize, text: &str| {
             if count > 0 {
-                notes.warn(format!("{count} {text}"));
+                notes.warn(format!("{text}: {count}"));
             }
         };
-        note(lines, "line elements (l) are skipped");
-        note(points, "point elements (p) are skipped");
-        note(free_form, "statements of curves and free-form surfaces are skipped");
-        note(weighted, "vertices have a weight w, which is ignored");
-        note(bad_uvs, "texture coordinates are not finite numbers: taken as 0 0");
-        note(repeating_faces, "faces name a vertex twice; they are kept");
+        note(lines, "line elements (l) skipped");
+        note(points, "point elements (p) skipped");
+        note(free_form, "statements of curves and free-form surfaces skipped");
+        note(weighted, "vertices with a weight w, which is ignored");
+        note(bad_uvs, "texture coordinates that are not finite numbers, taken as 0 0");
+        note(repeating_faces, "faces that name a vertex twice, kept");
         let count_lost = |lost: usize, indices: &mut Vec<u32>, size: usize| {
             let beyond = indices.iter_mut().filter(|i| **i != NONE && **i as usize >= size);
             lost + beyond.map(|i| *i = NONE).count()
@@ -334,23 +334,22 @@ impl Reader {
         let look = &mut self.scan.look;
         note(
             count_lost(self.counts.lost_uvs, &mut look.corner_uvs, look.uvs.len()),
-            "corners name texture coordinates that do not exist: left without",
+            "corners with texture coordinates that do not exist, left without",
         );
         note(
             count_lost(self.counts.lost_normals, &mut look.corner_normals, self.normals.len()),
-            "corners name normals that do not exist: left without",
+            "corners with normals that do not exist, left without",
         );
         if self.colored > 0 && self.colored < vertices {
-            note(vertices - self.colored, "vertices have no colour where others have: taken as white");
+            note(vertices - self.colored, "vertices without colour where others have one, taken as white");
             look.colors.resize(vertices, [1.0; 4]);
         }
         if unknown > 0 {
-            notes.warn(format!("{unknown} lines with unknown keywords are skipped: {}", self.unknown.join(", ")));
+            notes.warn(format!("lines with unknown keywords skipped: {unknown} ({})", self.unknown.join(", ")));
         }
         if !self.counts.short_faces.is_empty() {
             let count = self.counts.short_faces.len();
-            let text =
-                format!("{count} faces with fewer than 3 corners are skipped ({})", line_list(&mut self.counts.short_faces));
+            let text = format!("faces with fewer than 3 corners skipped: {count} ({})", line_list(&mut self.counts.short_faces));
             notes.warn(if self.cut_short { text + ": the file seems to be cut short" } else { text });
         }
     }
@@ -443,10 +442,6 @@ fn some_name(bytes: &[u8]) -> Option<String> {
     Some(name(bytes)).filter(|n| !n.is_empty())
 }
 
-fn unquoted(bytes: &[u8]) -> &[u8] {
-    bytes.strip_prefix(b"\"").and_then(|b| b.strip_suffix(b"\"")).unwrap_or(bytes)
-}
-
 /// Compares positions, faces and uv with what `tobj` reads from the same text. It starts a model at every group and material, each with
 /// its own arrays, so the comparison is corner by corner.
 #[cfg(test)]
@@ -525,14 +520,14 @@ mod tests {
         assert_eq!(look.materials.iter().map(|m| m.name.as_str()).collect::<Vec<_>>(), ["two", "one"]);
         assert_eq!(look.face_groups, [0, 1, 1, 2, 1]);
         assert_eq!(look.groups[1], Group { object: Some("a b".into()), group: Some("x y".into()) });
-        assert_eq!(look.groups[2], Group { object: Some("c".into()), group: None });
+        assert_eq!(look.groups[2], Group { object: Some("c".into()), group: Some("x y".into()) });
     }
 
     #[test]
     fn colours_on_some_vertices_only() {
         let scan = parse("v 0 0 0\nv 1 0 0 0 0.5 1\nv 0 1 0\nf 1 2 3\n");
         assert_eq!(scan.look.colors, [[1.0; 4], [0.0, 0.5, 1.0, 1.0], [1.0; 4]]);
-        assert!(scan.notes.iter().any(|n| n.contains("2 vertices have no colour")));
+        assert!(scan.notes.iter().any(|n| n.contains("taken as white: 2")));
         let scan = parse("v 0 0 0 255 0 0\nv 1 0 0 0 51 0\nv 0 1 0 0 0 0\nf 1 2 3\n");
         assert_eq!(scan.look.colors[1], [0.0, 0.2, 0.0, 1.0]);
     }

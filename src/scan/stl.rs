@@ -110,7 +110,7 @@ fn ascii_corners(bytes: &[u8], scan: &mut Scan) -> Result<Vec<DVec3>> {
         odd_loops += 1;
     }
     if odd_loops > 0 {
-        scan.notes.warn(format!("{odd_loops} facets have not three vertices and are skipped"));
+        scan.notes.warn(format!("facets that have not three vertices skipped: {odd_loops}"));
     }
     Ok(corners)
 }
@@ -138,7 +138,7 @@ fn weld(corners: &[DVec3], scan: &mut Scan) -> Result<()> {
         }
     }
     if collapsed > 0 {
-        scan.notes.warn(format!("{collapsed} facets with two equal vertices are dropped"));
+        scan.notes.warn(format!("facets with two equal vertices dropped: {collapsed}"));
     }
     if mesh.faces.is_empty() {
         return Err(super::nothing_to_animate(mesh.positions.len(), &[(collapsed, "facets without area")]));
@@ -165,7 +165,7 @@ mod tests {
         let scan = read(text.as_bytes(), Path::new("a.stl")).unwrap();
         assert_eq!(scan.mesh.faces.corners, [0, 1, 2, 1, 3, 2]);
         assert_eq!(scan.mesh.positions[3], DVec3::new(1.0, 1.0, 0.25));
-        assert_eq!(scan.notes.iter().collect::<Vec<_>>(), ["1 facets with two equal vertices are dropped"]);
+        assert_eq!(scan.notes.iter().collect::<Vec<_>>(), ["facets with two equal vertices dropped: 1"]);
     }
 
     #[test]

@@ -194,7 +194,7 @@ mod tests {
         let star = |n: usize, offset: DVec3, scale: f64| -> Vec<DVec3> {
             let tilt = glam::DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 0.7);
             let point = |k: usize| {
-                let (r, angle) = (if k % 2 == 0 { 1.0 } else { 0.3 }, TAU * k as f64 / n as f64);
+                let (r, angle) = (if k.is_multiple_of(2) { 1.0 } else { 0.3 }, TAU * k as f64 / n as f64);
                 tilt * DVec3::new(r * angle.cos(), r * angle.sin(), 0.0) * scale + offset
             };
             (0..n).map(point).collect()

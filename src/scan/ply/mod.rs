@@ -51,7 +51,7 @@ fn parse(bytes: &[u8], path: &Path) -> Result<Scan> {
         }
     }
     if values.surplus > 0 {
-        body.scan.notes.warn(format!("{} rows have more values than the header announces: they are ignored", values.surplus));
+        body.scan.notes.warn(format!("rows with more values than the header announces, which are ignored: {}", values.surplus));
     }
     body.finish(&header, path)
 }
@@ -267,11 +267,11 @@ impl Body {
         }
         let mut note = |count: usize, text: &str| {
             if count > 0 {
-                self.scan.notes.warn(format!("{count} {text}"));
+                self.scan.notes.warn(format!("{text}: {count}"));
             }
         };
-        note(self.short_faces, "faces with fewer than 3 corners are skipped");
-        note(self.odd_uv_lists, "faces have a list of texture coordinates of the wrong length: left without");
+        note(self.short_faces, "faces with fewer than 3 corners skipped");
+        note(self.odd_uv_lists, "faces whose list of texture coordinates has the wrong length, left without");
         if self.face_colors {
             self.scan.notes.warn("colours per face are not read");
         }
