@@ -36,13 +36,13 @@ pub struct Error {
     /// The file it is about.
     pub file: Option<PathBuf>,
     /// The place in the file: line, byte, label or frame.
-    pub place: Option<String>,
+    pub place: Option<Box<str>>,
     /// What was found.
     pub found: String,
     /// What was expected instead.
-    pub expected: Option<String>,
+    pub expected: Option<Box<str>>,
     /// What the user can do next.
-    pub hint: Option<String>,
+    pub hint: Option<Box<str>>,
 }
 
 impl Error {
@@ -81,21 +81,21 @@ impl Error {
     /// Adds the place in the file: `line 12`, `byte 1044`, `label RTHI`, `frame 211`.
     #[must_use]
     pub fn at(mut self, place: impl Into<String>) -> Self {
-        self.place = Some(place.into());
+        self.place = Some(place.into().into());
         self
     }
 
     /// Adds what was expected.
     #[must_use]
     pub fn expected(mut self, expected: impl Into<String>) -> Self {
-        self.expected = Some(expected.into());
+        self.expected = Some(expected.into().into());
         self
     }
 
     /// Adds the next step for the user.
     #[must_use]
     pub fn hint(mut self, hint: impl Into<String>) -> Self {
-        self.hint = Some(hint.into());
+        self.hint = Some(hint.into().into());
         self
     }
 

@@ -8,11 +8,14 @@
 
 pub mod binding;
 pub mod capture;
+pub mod cli;
 pub mod deform;
 pub mod error;
 pub mod export;
 pub mod linalg;
+pub mod pipeline;
 pub mod proxy;
+pub mod report;
 pub mod scan;
 pub mod space;
 pub mod spatial;

@@ -1,3 +1,5 @@
 //! The `retarget` program.
 
-fn main() {}
+fn main() -> std::process::ExitCode {
+    retarget::cli::run()
+}

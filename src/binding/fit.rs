@@ -346,3 +346,31 @@ fn solve(normal: &[f64], gradient: &[f64], damping: f64) -> Option<Vec<f64>> {
     }
     Some(x)
 }
+
+/// Landmarks as an actor of other pose and proportions would show them: `turns` of segments against their parents, length ratios.
+#[cfg(test)]
+pub(super) fn simulate(
+    body: &Skeleton,
+    observations: &[Observation],
+    turns: &[(Segment, DVec3)],
+    ratios: &[(Ratio, f64)],
+) -> Vec<DVec3> {
+    let mut state = State {
+        root: body.bone(Segment::Pelvis).origin,
+        rotations: [DQuat::IDENTITY; Segment::COUNT],
+        lengths: [0.0; RATIOS],
+        scale: 0.0,
+        shoulders: [DVec3::ZERO; 2],
+        girth: 0.0,
+    };
+    for &(ratio, value) in ratios {
+        state.lengths[ratio as usize] = value.ln();
+    }
+    for segment in Segment::ALL {
+        let above = segment.parent().map_or(DQuat::IDENTITY, |p| state.rotations[p as usize]);
+        let own = turns.iter().filter(|t| t.0 == segment).fold(DQuat::IDENTITY, |q, t| q * DQuat::from_scaled_axis(t.1));
+        state.rotations[segment as usize] = above * own;
+    }
+    let origins = state.origins(body);
+    observations.iter().map(|o| state.predict(body, &origins, o)).collect()
+}

@@ -3,6 +3,9 @@
 mod actor;
 mod bind;
 mod clusters;
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::print_stderr)]
+mod corpus;
 mod decisions;
 mod fit;
 mod labels;
@@ -12,6 +15,9 @@ mod raw;
 mod reference;
 mod segments;
 mod similarity;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;
 mod track;
 
 pub use bind::bind;

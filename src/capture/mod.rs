@@ -1,9 +1,46 @@
 //! Capture files → [`Capture`]. One file per format; cleaning in files of its own.
 
-use crate::error::Notes;
-use crate::space::Space;
+mod c3d;
+mod clean;
+mod gaps;
+mod labels;
+mod neighbours;
+mod rigid;
+mod swaps;
+
+#[cfg(test)]
+#[path = "../../tests/common/c3d_writer.rs"]
+mod c3d_writer;
+#[cfg(test)]
+mod tests;
+
+use crate::error::{Error, Kind, Notes, Result};
+use crate::space::{Known, Space, Unit};
 use glam::DVec3;
-use std::path::PathBuf;
+use std::fmt;
+use std::fs::File;
+use std::io::{Read, Seek};
+use std::path::{Path, PathBuf};
+
+/// What to take from a capture file.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ReadOptions {
+    /// Subject by its label prefix; `None` takes the one with most markers.
+    pub subject: Option<String>,
+    /// First and last frame, inclusive, in the capture's own numbering; `None` takes all.
+    pub frames: Option<(i64, i64)>,
+}
+
+/// Reads and cleans a capture file; the format is told by the contents.
+///
+/// What is doubtful about the file and what cleaning did is in [`Capture::notes`] and [`Capture::cleaning`].
+///
+/// # Errors
+/// Unreadable or broken files, formats that are not read yet, files with nothing to animate, a subject or frames that are not there.
+pub fn read(path: &Path, options: &ReadOptions) -> Result<Capture> {
+    known_format(path)?;
+    assemble(c3d::C3d::open(path)?, path, options).map_err(|e| if e.file.is_none() { e.file(path) } else { e })
+}
 
 /// One take of a motion capture.
 #[derive(Clone, Debug)]
@@ -20,8 +57,28 @@ pub struct Capture {
     pub motion: Motion,
     /// The file it came from.
     pub source: PathBuf,
-    /// What was doubtful about the file, and what cleaning did.
+    /// What cleaning did.
+    pub cleaning: Cleaning,
+    /// What was doubtful about the file, and what was assumed.
     pub notes: Notes,
+}
+
+impl Capture {
+    /// One line for people: `41 markers, 320 frames at 120 Hz · mm · Z up (file) · dropped 3 ghosts · 212 gaps filled`.
+    pub fn summary(&self) -> String {
+        let Motion::Markers(take) = &self.motion;
+        let rate = (self.rate * 1000.0).round() / 1000.0;
+        let mut parts = vec![format!(
+            "{}, {} at {rate} Hz",
+            counted(take.markers(), "marker", "markers"),
+            counted(take.frames(), "frame", "frames")
+        )];
+        parts.extend(self.space.unit.map(|u| u.value.to_string()));
+        parts.extend(self.space.up.map(|u| format!("{} up ({})", u.value.to_string().trim_start_matches('+'), u.how)));
+        parts.push(self.cleaning.to_string());
+        parts.retain(|p| !p.is_empty());
+        parts.join(" · ")
+    }
 }
 
 /// What a capture holds.
@@ -56,5 +113,169 @@ impl MarkerTake {
     pub fn point(&self, frame: usize, marker: usize) -> Option<DVec3> {
         let p = self.points[frame * self.labels.len() + marker];
         (!p[0].is_nan()).then(|| DVec3::new(p[0].into(), p[1].into(), p[2].into()))
+    }
+}
+
+/// What cleaning did to a take. Shown as `dropped 3 ghosts, 24 computed points · 212 gaps filled`.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Cleaning {
+    /// Dropped points without a name.
+    pub ghosts: usize,
+    /// Dropped computed points: angles, forces, axes of segments, joint centres.
+    pub computed: usize,
+    /// Dropped points of other subjects.
+    pub other_subjects: usize,
+    /// Dropped markers without a position.
+    pub empty: usize,
+    /// Copies of a marker, joined with it.
+    pub copies: usize,
+    /// Markers that shared a label with another and were renamed.
+    pub renamed: usize,
+    /// Pairs of markers that had exchanged their labels for a time and were put right.
+    pub exchanged: usize,
+    /// Jumps that were made gaps.
+    pub jumps: usize,
+    /// Frames without markers cut off the start.
+    pub trimmed_start: usize,
+    /// Frames without markers cut off the end.
+    pub trimmed_end: usize,
+    /// Gaps filled.
+    pub filled: usize,
+    /// Those of them that rigid neighbours filled; the others are interpolated.
+    pub filled_from_neighbours: usize,
+    /// Positions filled, over all gaps.
+    pub filled_positions: usize,
+    /// Gaps that were too long to fill; their points stay missing.
+    pub left: usize,
+}
+
+impl fmt::Display for Cleaning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let some = |n: usize, one: &str, many: &str| (n > 0).then(|| counted(n, one, many));
+        let dropped = [
+            some(self.ghosts, "ghost", "ghosts"),
+            some(self.computed, "computed point", "computed points"),
+            some(self.other_subjects, "point of other subjects", "points of other subjects"),
+            some(self.empty, "empty marker", "empty markers"),
+            some(self.copies, "copy", "copies"),
+        ];
+        let dropped: Vec<String> = dropped.into_iter().flatten().collect();
+        let parts = [
+            (!dropped.is_empty()).then(|| format!("dropped {}", dropped.join(", "))),
+            some(self.exchanged, "pair of labels exchanged", "pairs of labels exchanged"),
+            some(self.jumps, "jump removed", "jumps removed"),
+            some(self.filled, "gap filled", "gaps filled"),
+            some(self.left, "gap left open", "gaps left open"),
+        ];
+        f.write_str(&parts.into_iter().flatten().collect::<Vec<_>>().join(" · "))
+    }
+}
+
+/// `1 gap`, `2 gaps`.
+fn counted(n: usize, one: &str, many: &str) -> String {
+    format!("{n} {}", if n == 1 { one } else { many })
+}
+
+/// By the first bytes, and by the extension where they say nothing.
+fn known_format(path: &Path) -> Result<()> {
+    let mut start = Vec::new();
+    let file = File::open(path).map_err(|e| Error::unreadable(path, &e))?;
+    // A folder fails here on its first read; its own message comes from the reader of the format.
+    let _ = file.take(64).read_to_end(&mut start);
+    let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    let text = String::from_utf8_lossy(&start);
+    let text = text.trim_start_matches('\u{feff}').trim_start();
+    let begins = |word: &str| text.get(..word.len()).is_some_and(|t| t.eq_ignore_ascii_case(word));
+    let unsupported = |what: &str| {
+        Err(Error::new(Kind::Unsupported, what.to_owned())
+            .file(path)
+            .expected("a C3D file with labelled markers")
+            .hint("export the markers as C3D"))
+    };
+    if start.get(1) == Some(&0x50) && (extension == "c3d" || !text.is_ascii() || start.contains(&0)) {
+        return Ok(());
+    }
+    let skeleton = "skeleton takes are not read yet";
+    match extension.as_str() {
+        _ if begins("HIERARCHY") => unsupported(&format!("is BVH text: {skeleton}")),
+        _ if begins("PathFileType") => unsupported("is a TRC table: marker tables are not read yet"),
+        _ if begins("Kaydara FBX") => unsupported(&format!("is an FBX file: {skeleton}")),
+        _ if begins("glTF") => unsupported(&format!("is a glTF file: {skeleton}")),
+        "bvh" | "asf" | "amc" | "fbx" | "gltf" | "glb" | "usd" | "usda" | "usdc" | "usdz" => {
+            unsupported(&format!(".{extension}: {skeleton}"))
+        }
+        "trc" | "csv" | "tsv" => unsupported(&format!(".{extension}: marker tables are not read yet")),
+        _ => Ok(()),
+    }
+}
+
+/// From an opened file to a clean capture.
+fn assemble<R: Read + Seek>(mut file: c3d::C3d<R>, path: &Path, options: &ReadOptions) -> Result<Capture> {
+    let mut notes = std::mem::take(&mut file.notes);
+    let mut cleaning = Cleaning::default();
+    if !file.labelled {
+        notes.warn(format!("the file has no labels: its {} points are numbered", file.labels.len()));
+        for (n, label) in file.labels.iter_mut().enumerate() {
+            *label = format!("M{:03}", n + 1);
+        }
+    }
+    let available = (file.first_frame, file.first_frame + file.frames as i64 - 1);
+    if let Some(wanted) = options.frames {
+        check_frames(wanted, available)?;
+    }
+    let selection =
+        labels::select(&file.labels, &file.computed, &file.subjects, options.subject.as_deref(), &mut cleaning, &mut notes)?;
+    let points = file.points(&selection.columns)?;
+    notes.extend(std::mem::take(&mut file.notes));
+    let mut take = MarkerTake { labels: selection.labels, points };
+    let mut first_frame = file.first_frame;
+    clean::clean(&mut take, &mut first_frame, file.rate, &mut cleaning, &mut notes)?;
+    check_size(clean::size(&take), file.space.unit, &mut notes);
+    if let Some((from, to)) = options.frames {
+        let last = first_frame + take.frames() as i64 - 1;
+        let (start, end) = (from.max(first_frame), to.min(last));
+        if start > end {
+            return Err(Error::new(Kind::Refused, format!("frames {from} to {to} have no markers"))
+                .expected(format!("frames between {first_frame} and {last}")));
+        }
+        clean::cut(&mut take, (start - first_frame) as usize, (end + 1 - first_frame) as usize);
+        first_frame = start;
+    }
+
+    let only = match &file.subjects[..] {
+        [one] => Some(one.clone()),
+        _ => None,
+    };
+    let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    Ok(Capture {
+        name: selection.subject.or(only).unwrap_or(stem),
+        rate: file.rate,
+        first_frame,
+        space: file.space,
+        motion: Motion::Markers(take),
+        source: path.to_owned(),
+        cleaning,
+        notes,
+    })
+}
+
+fn check_frames((from, to): (i64, i64), (first, last): (i64, i64)) -> Result<()> {
+    if from > to {
+        return Err(Error::new(Kind::Usage, format!("frames {from}..{to} run backwards")).hint(format!("frames {to}..{from}")));
+    }
+    if from < first || to > last {
+        return Err(Error::new(Kind::Usage, format!("frames {from}..{to} are not all in the capture"))
+            .expected(format!("frames within {first}..{last}")));
+    }
+    Ok(())
+}
+
+/// Warns where the unit makes the body absurdly large or small; the values are left alone.
+fn check_size(size: f64, unit: Option<Known<Unit>>, notes: &mut Notes) {
+    let Some(unit) = unit else { return };
+    let metres = size * unit.value.metres();
+    if metres > 20.0 || (metres > 0.0 && metres < 0.01) {
+        let unit = unit.value;
+        notes.warn(format!("the file says {unit}, but the markers then span {metres:.3} m: the unit is doubtful"));
     }
 }

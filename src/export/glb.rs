@@ -1,1 +1,202 @@
-//! GLB
+//! Binary glTF: the motion as a skin of rigid joints that every viewer plays.
+//!
+//! Positions are the scan's own, in its unit and axes; only a scan that lies far from the origin is written around the origin, under a node with
+//! the offset, since single precision would lose its detail. Vertex colours are converted from sRGB to the linear light that glTF asks for.
+
+use super::encode::spool::Spool;
+use super::encode::{Encoded, Job, Tolerance, skin::FileSpace};
+use super::{FrameBatch, FrameSink, Header, Needs, Written};
+use crate::error::{Error, Notes, Result};
+use crate::scan::{NONE, UnitBox};
+use crate::space::{Axis, Unit};
+use crate::surface::NormalVertices;
+use glam::DVec3;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use tempfile::NamedTempFile;
+
+mod container;
+mod document;
+mod geometry;
+mod looks;
+mod names;
+
+use document::Content;
+use geometry::Geometry;
+
+/// A centre farther from the origin than so many diagonals is taken out of the positions: single precision then keeps a millionth of the diagonal.
+const FAR: f64 = 16.0;
+
+/// Writes an animated GLB.
+#[derive(Debug)]
+pub struct GlbSink {
+    path: PathBuf,
+    tolerance: Tolerance,
+    open: Option<Open>,
+}
+
+#[derive(Debug)]
+struct Open {
+    header: Arc<Header>,
+    spool: Spool,
+    file: NamedTempFile,
+}
+
+impl GlbSink {
+    /// A sink for `path` that aims at a worst error of 0.25 % of the diagonal and 0.05 % root mean square.
+    pub fn new(path: impl Into<PathBuf>) -> Self {
+        Self::with_tolerance(path, Tolerance::default())
+    }
+
+    /// A sink with its own aim. A skin that misses it is written all the same, with a note.
+    pub fn with_tolerance(path: impl Into<PathBuf>, tolerance: Tolerance) -> Self {
+        Self { path: path.into(), tolerance, open: None }
+    }
+
+    fn opened(&mut self) -> &mut Open {
+        self.open.as_mut().expect("a sink is begun before it gets frames")
+    }
+}
+
+impl FrameSink for GlbSink {
+    fn needs(&self) -> Needs {
+        Needs::default()
+    }
+
+    fn begin(&mut self, header: &Arc<Header>) -> Result<()> {
+        if !(header.rate.is_finite() && header.rate > 0.0) {
+            return Err(Error::refused(format!("a frame rate of {}", header.rate)).file(&self.path));
+        }
+        let folder = folder_of(&self.path);
+        let spool = Spool::new(folder, header.proxy.rest.len()).map_err(|e| e.file(&self.path))?;
+        let file = temporary(folder).map_err(|e| Error::unwritable(&self.path, &e))?;
+        self.open = Some(Open { header: header.clone(), spool, file });
+        Ok(())
+    }
+
+    fn frames(&mut self, batch: &FrameBatch<'_>) -> Result<()> {
+        let open = self.opened();
+        debug_assert_eq!(batch.first, open.spool.frames(), "frames come in order");
+        batch.proxy.iter().try_for_each(|pose| open.spool.push(pose))
+    }
+
+    fn finish(mut self: Box<Self>) -> Result<Written> {
+        self.opened();
+        let Some(open) = self.open.take() else { return Err(Error::refused("no frames").file(&self.path)) };
+        if open.spool.frames() == 0 {
+            return Err(Error::refused("no frames").file(&self.path));
+        }
+        write(open, self.path, self.tolerance)
+    }
+}
+
+fn write(open: Open, path: PathBuf, tolerance: Tolerance) -> Result<Written> {
+    let Open { header, spool, mut file } = open;
+    let scan = &header.scan;
+    let mut notes = Notes::default();
+    let normal_vertices = NormalVertices::of(scan);
+    let geometry = Geometry::of(scan, &normal_vertices);
+    let vertices = geometry.scan_vertices();
+    let (space, offset) = file_space(&header.unit_box);
+    let rest: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| header.unit_box.enter(p)).collect();
+    let job = Job {
+        map: header.map.as_ref(),
+        proxy_rest: &header.proxy.rest,
+        spool: &spool,
+        vertices: &vertices,
+        rest: &rest,
+        space,
+        tolerance,
+        cancel: &header.cancel,
+    };
+    let encoded = job.run().map_err(|e| e.file(&path))?;
+    let mut normals = Vec::new();
+    let points: Vec<[f32; 3]> = rest.iter().map(|p| p.as_vec3().to_array()).collect();
+    normal_vertices.compute(scan, &points, &mut normals);
+    let mut places = vec![NONE; scan.mesh.positions.len()];
+    for (place, &v) in vertices.iter().enumerate() {
+        places[v as usize] = place as u32;
+    }
+    let stem = |p: &Path| p.file_stem().map(|s| s.to_string_lossy().into_owned()).filter(|s| !s.is_empty());
+    let content = Content {
+        scan,
+        geometry: &geometry,
+        normals: &normals,
+        skin: &encoded.skin,
+        rest: &encoded.rest,
+        places: &places,
+        joint_names: &names::joint_names(&encoded, &header.proxy.rest, &header.places),
+        offset,
+        rate: header.rate,
+        name: &stem(&scan.source).unwrap_or_else(|| "scan".to_owned()),
+        animation: &stem(&path).unwrap_or_else(|| "motion".to_owned()),
+    };
+    let (document, buffer) = content.build(&mut notes);
+    header.cancel.check()?;
+    let unwritable = |e: std::io::Error| Error::unwritable(&path, &e);
+    let mut out = BufWriter::with_capacity(1 << 20, file.as_file_mut());
+    let bytes = buffer.write(document, &mut out).map_err(unwritable)?;
+    out.flush().map_err(unwritable)?;
+    drop(out);
+    file.persist(&path).map_err(|e| unwritable(e.error))?;
+    remark(&header, &encoded, vertices.len(), tolerance, &mut notes);
+    Ok(Written {
+        path,
+        bytes,
+        encoding: format!("skin, {} joints", encoded.skin.nodes() - 1),
+        max_error: encoded.summary.worst,
+        rms_error: encoded.summary.rms,
+        worst_frame: Some(header.first_frame + encoded.summary.frame as i64),
+        notes,
+    })
+}
+
+/// Coordinates of the file, and where they begin in the scan's.
+fn file_space(unit_box: &UnitBox) -> (FileSpace, DVec3) {
+    let far = unit_box.centre.abs().max_element() > FAR * unit_box.diagonal;
+    // Rounded, so that a reader in single precision has the same offset.
+    let offset = if far { unit_box.centre.as_vec3().as_dvec3() } else { DVec3::ZERO };
+    (FileSpace { scale: unit_box.diagonal, shift: unit_box.centre - offset }, offset)
+}
+
+fn remark(header: &Header, encoded: &Encoded, vertices: usize, tolerance: Tolerance, notes: &mut Notes) {
+    let summary = &encoded.summary;
+    let percent = 100.0 / header.unit_box.diagonal;
+    if tolerance.used(summary.worst / header.unit_box.diagonal, summary.rms / header.unit_box.diagonal) > 1.0 {
+        notes.warn(format!(
+            "the skin is {:.2} % of the diagonal off at the worst vertex (frame {}) and {:.3} % rms; the aim is {} % and {} %",
+            summary.worst * percent,
+            header.first_frame + summary.frame as i64,
+            summary.rms * percent,
+            tolerance.worst * 100.0,
+            tolerance.rms * 100.0,
+        ));
+    }
+    let unused = header.scan.mesh.positions.len() - vertices;
+    if unused > 0 {
+        notes.warn(format!("{unused} vertices that no face uses are not in the GLB"));
+    }
+    let unit = header.scan.space.unit.map(|u| u.value).filter(|u| *u != Unit::Metre);
+    let up = header.up.map(Axis::nearest).filter(|a| a.negative || a.index != 1);
+    let own: Vec<String> = unit.map(|u| u.to_string()).into_iter().chain(up.map(|a| format!("{a} up"))).collect();
+    if !own.is_empty() {
+        notes.warn(format!("the GLB keeps the scan's own {}; viewers take glTF as metres, +Y up", own.join(" and ")));
+    }
+}
+
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// A file that is gone unless it is put in place, with the permissions of an ordinary new file.
+fn temporary(folder: &Path) -> std::io::Result<NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".retarget-").suffix(".glb");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    builder.tempfile_in(folder)
+}

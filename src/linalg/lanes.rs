@@ -110,7 +110,7 @@ impl SubAssign for Lanes {
 /// Rows of four lanes turned into columns.
 #[inline(always)]
 pub(crate) fn transpose(r: [Lanes; 4]) -> [Lanes; 4] {
-    let [a, b, c, d] = r.map(|x| x.0);
+    let [Lanes(a), Lanes(b), Lanes(c), Lanes(d)] = r;
     [
         Lanes([a[0], b[0], c[0], d[0]]),
         Lanes([a[1], b[1], c[1], d[1]]),
@@ -176,13 +176,10 @@ pub(crate) fn longest(points: &[Lanes]) -> f64 {
     let mut most = 0.0_f64;
     for p in points {
         let square = p.0[0] * p.0[0] + p.0[1] * p.0[1] + p.0[2] * p.0[2];
-        // A comparison that NaN fails would hide it.
-        if !(square <= most) {
-            most = square;
-        }
-        if most.is_nan() {
+        if square.is_nan() {
             return f64::NAN;
         }
+        most = most.max(square);
     }
     most.sqrt()
 }

@@ -2,15 +2,15 @@
 
 mod cholesky;
 mod dense;
-mod dissection;
 pub(crate) mod lanes;
+mod ordering;
 pub(crate) mod rotation;
 mod symmetric;
 
 pub use cholesky::{Cholesky, NotPositive};
 pub use dense::DenseCholesky;
-pub use dissection::{Adjacency, nested_dissection};
 pub use lanes::Lanes;
+pub use ordering::elimination_order;
 pub use rotation::nearest_rotation;
 pub use symmetric::SymmetricMatrix;
 

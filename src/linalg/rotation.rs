@@ -70,7 +70,7 @@ pub(crate) fn newton_step(f: &Matrices, q: &mut Quaternions) -> Lanes {
     ];
     let norm = (next[0] * next[0] + next[1] * next[1] + next[2] * next[2] + next[3] * next[3]).sqrt();
     let inverse = Lanes::splat(1.0) / norm;
-    *q = next.map(|x| x * inverse);
+    *q = [next[0] * inverse, next[1] * inverse, next[2] * inverse, next[3] * inverse];
     (w0 * w0 + w1 * w1 + w2 * w2) * 4.0
 }
 
@@ -80,7 +80,7 @@ const MOST_STEPS: u32 = 20;
 /// The rotations nearest to `f`, to rounding, from warm estimates.
 pub(crate) fn extract(f: &Matrices, q: &mut Quaternions) {
     let mut turned = Lanes::splat(f64::INFINITY);
-    let still = |turned: &Lanes, lane: usize| !(turned.0[lane] < 1e-20);
+    let still = |turned: &Lanes, lane: usize| turned.0[lane].is_nan() || turned.0[lane] >= 1e-20;
     for _ in 0..MOST_STEPS {
         turned = newton_step(f, q);
         if !(0..4).any(|lane| still(&turned, lane)) {
@@ -136,7 +136,7 @@ fn signed_polar(f: DMat3) -> ([f64; 3], DMat3) {
             (a[p], a[q]) = (a[p] * c - a[q] * s, a[p] * s + a[q] * c);
             (v[p], v[q]) = (v[p] * c - v[q] * s, v[p] * s + v[q] * c);
         }
-        if !(off > 1e-15) {
+        if off <= 1e-15 {
             break;
         }
     }

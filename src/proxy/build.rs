@@ -130,7 +130,7 @@ fn thousands(n: usize) -> String {
     let digits = n.to_string();
     let mut text = String::new();
     for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i) % 3 == 0 {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
             text.push(',');
         }
         text.push(digit);
@@ -272,7 +272,7 @@ impl Surface {
         let probes: Vec<(f64, f64)> = self.triangles.par_iter().step_by(step).map(winding).collect();
         let share = |found: &dyn Fn(f64) -> bool| {
             let area = |select: &dyn Fn(f64) -> bool| probes.iter().filter(|p| select(p.1)).map(|p| p.0).sum::<f64>();
-            area(found) / area(&|_| true)
+            (area(found) / area(&|_| true)).max(0.0)
         };
         (share(&|w| w < HOLLOW), share(&|w| w > BURIED))
     }
@@ -289,7 +289,6 @@ fn capped_tree(points: &[DVec3], triangles: &[[u32; 3]], caps: &Caps) -> Triangl
 }
 
 /// Fills the surface with tetrahedra; the inner error is a reason to fall back on cubes.
-#[expect(clippy::type_complexity, reason = "two kinds of failure: the work was stopped, or there is another way")]
 fn fill(
     surface: &Surface,
     target: usize,

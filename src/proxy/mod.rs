@@ -10,10 +10,13 @@ mod delaunay;
 mod disjoint;
 mod edges;
 mod lattice;
+pub mod medit;
 mod pieces;
 mod refine;
 pub mod rows;
 mod shell;
+#[cfg(test)]
+mod tests;
 mod tetrahedra;
 mod weld;
 

@@ -4,13 +4,15 @@ use super::edges::{Edges, double_area};
 use glam::DVec3;
 
 /// Passes after which even an edge of the whole diagonal is short.
-const PASSES: usize = 12;
+const PASSES: usize = 40;
+/// Shrinking of the length at which edges are split, when all edges are shorter and there are still too few vertices.
+const SHRINK: f64 = 0.9;
 
-/// Splits edges at their midpoints until about `target` vertices would cover the surface evenly.
+/// Splits edges at their midpoints until there are at least `target` vertices, about evenly spread.
 pub(super) fn refine(points: &mut Vec<DVec3>, triangles: &mut Vec<[u32; 3]>, target: usize) {
     let area: f64 = triangles.iter().map(|&t| 0.5 * double_area(points, t).length()).sum();
     // Edge length of equilateral triangles, two per vertex; edges are split at 1.6 times that, so that halves are not far below it.
-    let longest = 1.6 * (area * 2.0 / 3f64.sqrt() / target as f64).sqrt();
+    let mut longest = 1.6 * (area * 2.0 / 3f64.sqrt() / target as f64).sqrt();
     for _ in 0..PASSES {
         let mut midpoint = vec![u32::MAX; 3 * triangles.len()];
         let before = points.len();
@@ -24,7 +26,11 @@ pub(super) fn refine(points: &mut Vec<DVec3>, triangles: &mut Vec<[u32; 3]>, tar
             }
         }
         if points.len() == before {
-            break;
+            if before >= target {
+                break;
+            }
+            longest *= SHRINK;
+            continue;
         }
         let mut split = Vec::with_capacity(2 * triangles.len());
         for (t, m) in triangles.iter().zip(midpoint.chunks_exact(3)) {

@@ -10,6 +10,7 @@ use glam::DVec3;
 const ANKLE: f64 = 0.040;
 /// Knee on the way from ankle to hip (Winter, Biomechanics and Motor Control of Human Movement: 0.49).
 const KNEE: f64 = 0.50;
+const KNEE_BELOW_NARROW: f64 = 0.01;
 /// Elbow on the way from wrist to shoulder (Winter: forearm 0.146, upper arm 0.186 of stature).
 const ELBOW: f64 = 0.455;
 /// Shoulder joint beyond the level of the armpit.
@@ -18,7 +19,11 @@ const SHOULDER: f64 = 0.030;
 const HIP_UP: f64 = 0.045;
 const HIP_ASIDE: f64 = 0.055;
 /// Distance from foot to crotch: where it may be measured, and what it is otherwise (robes and long coats).
-const CROTCH_RANGE: [f64; 2] = [0.455, 0.56];
+const CROTCH_RANGE: [f64; 2] = [0.44, 0.60];
+/// Distance from the feet over which the middle of the pelvis is looked at.
+const PELVIS_RANGE: f64 = 0.60;
+const MEET: f64 = 0.62;
+const PART: f64 = 0.2;
 const CROTCH: f64 = 0.497;
 /// A limb bent by more degrees than this shows its joint.
 const CLEAR_BEND: f64 = 25.0;
@@ -40,21 +45,38 @@ pub(super) struct Crotch {
 }
 
 impl Crotch {
-    /// The middle of the shortest way from foot to foot.
-    pub(super) fn of(solid: &Solid, body: &Extremities) -> Self {
+    /// Where the boundary between what is nearer to one foot and what is nearer to the other opens to half the depth of the pelvis:
+    /// thighs that touch, or that the voxels join, meet in less.
+    pub(super) fn of(solid: &Solid, body: &Extremities, up: DVec3) -> Self {
         let [f, g] = &body.feet;
-        let way = f.distance[g.voxel];
-        let level = 0.5 * way;
-        if level < CROTCH_RANGE[0] * body.length || level > CROTCH_RANGE[1] * body.length {
-            return Self { level: CROTCH * body.length, place: None };
+        let (h, length) = (solid.pitch, body.length);
+        let floor = 0.5 * (solid.centres[f.voxel] + solid.centres[g.voxel]).dot(up);
+        let slabs = (PELVIS_RANGE * length / h) as usize;
+        let mut meeting = vec![Vec::new(); slabs];
+        for v in 0..solid.len() {
+            let slab = ((solid.centres[v].dot(up) - floor) / h) as usize;
+            let level = 0.5 * (f.distance[v] + g.distance[v]);
+            if slab < slabs && (f.distance[v] - g.distance[v]).abs() < h && level < MEET * length {
+                meeting[slab].push(v);
+            }
         }
-        let middle: Vec<DVec3> = (0..solid.len())
-            .filter(|&v| f.distance[v] + g.distance[v] < way + 0.5 * solid.pitch)
-            .filter(|&v| (f.distance[v] - g.distance[v]).abs() < 2.0 * solid.pitch)
-            .map(|v| solid.centres[v])
-            .collect();
-        let place = (!middle.is_empty()).then(|| middle.iter().sum::<DVec3>() / middle.len() as f64);
-        Self { level, place }
+        let none = Self { level: CROTCH * length, place: None };
+        let count: Vec<f64> = meeting.windows(3).map(|w| (w[0].len() + w[1].len() + w[2].len()) as f64).collect();
+        let half = PART * count.iter().copied().fold(0.0, f64::max);
+        let widest = count.iter().position(|n| PART * n >= half).unwrap_or(0);
+        let Some(i) = (0..widest).rev().find(|&i| count[i] < half) else { return none };
+        let part = (half - count[i]) / (count[i + 1] - count[i]);
+        let height = floor + (i as f64 + 1.5 + part) * h;
+        let around: Vec<usize> = meeting[i..i + 3].iter().flatten().copied().collect();
+        if around.is_empty() {
+            return none;
+        }
+        let mean = around.iter().map(|&v| solid.centres[v]).sum::<DVec3>() / around.len() as f64;
+        let level = around.iter().map(|&v| f.distance[v] + g.distance[v]).sum::<f64>() * 0.5 / around.len() as f64;
+        if level < CROTCH_RANGE[0] * length || level > CROTCH_RANGE[1] * length {
+            return none;
+        }
+        Self { level, place: Some(mean + up * (height - mean.dot(up))) }
     }
 }
 
@@ -83,7 +105,12 @@ impl Leg {
 
     pub(super) fn knee(&self, hip: DVec3, crotch: &Crotch, length: f64) -> Option<DVec3> {
         let sections = self.curve.between(0.19 * length, crotch.level - 0.01 * length);
-        hinge(sections, self.ankle, hip, KNEE, 0.12, 0.5)
+        // Between calf and thigh the leg is narrowest a little above the knee.
+        let way = |s: &Section| s.centre.distance(self.ankle) / (s.centre.distance(self.ankle) + s.centre.distance(hip));
+        let narrow = sections.windows(3).filter(|w| (way(&w[1]) - KNEE).abs() < 0.10);
+        let area = |w: &[Section]| w.iter().map(|s| s.area).sum::<f64>();
+        let narrow = narrow.min_by(|v, w| area(v).total_cmp(&area(w))).map_or(KNEE, |w| way(&w[1]) - KNEE_BELOW_NARROW);
+        hinge(sections, self.ankle, hip, 0.5 * (KNEE + narrow), 0.12, 0.5)
     }
 }
 

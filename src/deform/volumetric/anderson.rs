@@ -91,7 +91,7 @@ impl Anderson {
                 let done: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
                 let rest = self.products[i][j] * scale[i] * scale[j] + ridge - done;
                 if i == j {
-                    if !(rest > 1e-13) {
+                    if rest.is_nan() || rest <= 1e-13 {
                         return None;
                     }
                     l[j][j] = rest.sqrt();

@@ -106,9 +106,9 @@ impl Coarse {
         let mut response = vec![Lanes::ZERO; factor.size()];
         for d in 0..self.count {
             response.fill(Lanes::ZERO);
-            for v in 0..response.len() {
+            for (v, response) in response.iter_mut().enumerate() {
                 for s in self.slots_of(v).filter(|&s| self.slot_clusters[s] as usize == d) {
-                    response[v] = self.loads[s];
+                    *response = self.loads[s];
                 }
             }
             factor.solve(&mut response);

@@ -140,7 +140,7 @@ impl Volumetric {
                 add_scaled(&mut m.trial, -1.0, &m.plain);
                 next = self.evaluate(Place::Trial, newton);
                 passes += 1;
-                if !(next <= limit) {
+                if next.is_nan() || next > limit {
                     newton = 3;
                 }
             }

@@ -24,7 +24,7 @@ use super::{Deformer, FrameStats, Handle, Targets};
 use crate::error::{Error, Result};
 use crate::linalg::lanes::Lanes;
 use crate::linalg::rotation::{self, Quaternions};
-use crate::linalg::{Adjacency, Cholesky, SparseRow, SymmetricMatrix, nearest_rotation, nested_dissection};
+use crate::linalg::{Cholesky, SparseRow, SymmetricMatrix, elimination_order, nearest_rotation};
 use crate::proxy::Proxy;
 use coarse::Coarse;
 use descent::{Memory, Settings};
@@ -118,7 +118,7 @@ impl Volumetric {
         }
         let size = proxy.rest.len();
         let groups = elements.iter().map(|e| e.corners.as_slice()).chain(handles.iter().map(|h| h.row.indices.as_slice()));
-        let order = nested_dissection(&Adjacency::of_groups(size, groups), &proxy.rest);
+        let order = elimination_order(size, groups);
         let mut places = vec![0; size];
         for (place, &v) in order.iter().enumerate() {
             places[v as usize] = place as u32;
@@ -127,7 +127,7 @@ impl Volumetric {
         for element in &mut elements {
             element.corners = element.corners.map(|v| places[v as usize]);
         }
-        elements.sort_by_key(|e| e.corners.iter().copied().min());
+        let elements = elements::arrange(elements);
         let attachments = handles.iter().map(|h| h.row.apply(&proxy.rest)).collect();
         let handles: Vec<Handle> = handles
             .iter()
@@ -297,7 +297,7 @@ fn check_handles(proxy: &Proxy, handles: &[Handle]) -> Result<()> {
             return refuse(format!("it sits on vertex {v} of a proxy with {}", proxy.rest.len()));
         }
         let sum: f64 = handle.row.values.iter().sum();
-        if !((sum - 1.0).abs() < 1e-3) {
+        if sum.is_nan() || (sum - 1.0).abs() > 1e-3 {
             return refuse(format!("the coefficients of its row sum to {sum}, not to 1"));
         }
     }

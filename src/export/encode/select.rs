@@ -32,11 +32,9 @@ impl Gram {
     pub fn of(size: usize, mut product: impl FnMut(usize, usize) -> f64) -> Self {
         assert!((1..=CANDIDATES).contains(&size));
         let mut g = [[0.0; CANDIDATES]; CANDIDATES];
-        for a in 0..size {
-            for b in 0..=a {
-                g[a][b] = product(a, b);
-                g[b][a] = g[a][b];
-            }
+        for (a, b) in (0..size).flat_map(|a| (0..=a).map(move |b| (a, b))) {
+            g[a][b] = product(a, b);
+            g[b][a] = g[a][b];
         }
         // Keeps nearly equal candidates apart and prefers small weights among them.
         let least = (0..size).map(|a| g[a][a]).fold(f64::INFINITY, f64::min);
@@ -199,10 +197,8 @@ impl Gram {
         let mut l = [[0.0; CANDIDATES]; CANDIDATES];
         for a in 0..n {
             for b in 0..=a {
-                let mut sum = self.g[set[a]][set[b]];
-                for k in 0..b {
-                    sum -= l[a][k] * l[b][k];
-                }
+                let known: f64 = l[a][..b].iter().zip(&l[b][..b]).map(|(x, y)| x * y).sum();
+                let sum = self.g[set[a]][set[b]] - known;
                 l[a][b] = if a == b { sum.max(1e-30).sqrt() } else { sum / l[b][b] };
             }
         }

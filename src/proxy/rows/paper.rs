@@ -87,6 +87,6 @@ impl TetMaps {
 
 /// (2.10): smooth, 1 at 0, and 0 from 1 on.
 pub(crate) fn wendland(t: f64) -> f64 {
-    let rest = (1.0 - t).max(0.0);
-    rest.powi(4) * (4.0 * t + 1.0)
+    let t = t.min(1.0);
+    (1.0 - t).powi(4) * (4.0 * t + 1.0)
 }

@@ -1,0 +1,29 @@
+//! A generated human-like scan, and a take of a walk and a squat with a known answer.
+
+pub mod body;
+pub mod files;
+pub mod markers;
+pub mod motion;
+
+/// Size of a polygonization cell, metres: about twenty thousand vertices.
+const CELL: f64 = 0.0109;
+
+/// Frames whose true scan vertices are kept: rest, mid-step, end of the walk, deepest squat, end.
+pub const TRUE_FRAMES: [usize; 5] = [0, 110, 200, 306, 371];
+
+/// All fixtures: file name and bytes.
+pub fn all() -> Vec<(String, Vec<u8>)> {
+    let bones = body::bones();
+    let body = body::build(CELL);
+    let mut out = vec![
+        ("scan.obj".to_owned(), files::obj(&body, &bones).into_bytes()),
+        ("scan.mtl".to_owned(), files::mtl().as_bytes().to_vec()),
+        ("scan_skin.png".to_owned(), files::png()),
+        ("scan_dirty.ply".to_owned(), files::dirty_ply(&body)),
+        ("walk.c3d".to_owned(), markers::c3d(&body, &bones)),
+    ];
+    for frame in TRUE_FRAMES {
+        out.push((format!("true_{:04}.ply", frame + 1), files::ply_points(&motion::skin(&body, &bones, frame))));
+    }
+    out
+}

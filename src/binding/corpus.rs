@@ -1,0 +1,138 @@
+//! Real takes on real bodies. Skipped where the data are not there.
+
+use super::*;
+use crate::capture::{self, Capture, Motion};
+use crate::scan;
+use std::path::PathBuf;
+
+fn data(name: &str) -> Option<PathBuf> {
+    let shared = std::env::var_os("RETARGET_SHARED")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
+    let path = shared.join("data").join(name);
+    path.exists().then_some(path)
+}
+
+struct Case {
+    binding: Binding,
+    capture: Capture,
+    unit_box: UnitBox,
+    height: f64,
+}
+
+/// Binds a take of the data to a scan of the data; `None` (said on standard error) where a file is not there.
+fn case(scan_name: &str, take: &str, still: Option<&str>, options: &Options) -> Option<Result<Case>> {
+    let file = |folder: &str, name: &str| {
+        let path = data(&format!("{folder}/{name}"));
+        if path.is_none() {
+            eprintln!("skipped: {name} is not there");
+        }
+        path
+    };
+    let scan_path = file("meshes", scan_name)?;
+    let take_path = file("motion/c3d", take)?;
+    let still_path = match still {
+        Some(name) => Some(file("motion/c3d", name)?),
+        None => None,
+    };
+    let scan = scan::read(&scan_path).unwrap();
+    let unit_box = UnitBox::of(&scan.mesh).unwrap();
+    let points: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
+    let triangles = scan.mesh.vertex_triangles();
+    let tree = TriangleTree::new(&points, &triangles);
+    let body = landmarks::find(&points, &triangles);
+    let height = body.as_ref().map_or(1.0, |b| b.stature);
+    let read = |path: &PathBuf| capture::read(path, &capture::ReadOptions::default()).unwrap();
+    let capture = read(&take_path);
+    let still = still_path.as_ref().map(read);
+    let shape = ScanShape { tree: &tree, unit_box, space: &scan.space };
+    let start = std::time::Instant::now();
+    let bound = bind(&shape, body, &capture, still.as_ref(), options);
+    let elapsed = start.elapsed();
+    Some(bound.map(|binding| {
+        let d = &binding.decisions;
+        eprintln!("== {scan_name} x {take}: {:.0} ms", elapsed.as_secs_f64() * 1e3);
+        eprintln!("scan     {}\ncapture  {}\nbind     {}", d.scan_words(), d.capture_words(), d.bind_line());
+        eprintln!("         proportions {:.2?}", d.proportions);
+        for note in binding.notes.iter() {
+            eprintln!("warning  {note}");
+        }
+        for (label, reason) in &binding.unbound {
+            eprintln!("unbound  {label}: {reason}");
+        }
+        Case { binding, capture, unit_box, height }
+    }))
+}
+
+impl Case {
+    /// Handles whose nearest segment is neither their own nor a neighbour of it.
+    fn astray(&self) -> Vec<String> {
+        let distance = |p: DVec3, s: &SegmentPlace| {
+            let d = s.to - s.from;
+            let t = ((p - s.from).dot(d) / d.length_squared()).clamp(0.0, 1.0);
+            let thick = match s.segment {
+                Segment::Pelvis => 0.7,
+                Segment::Trunk => 0.6,
+                _ => 1.0,
+            };
+            (p - s.from - d * t).length() * thick
+        };
+        let astray = self.binding.handles.iter().filter_map(|h| {
+            let own = h.segment?;
+            let nearest =
+                self.binding.segments.iter().min_by(|a, b| distance(h.attachment, a).total_cmp(&distance(h.attachment, b)))?;
+            let kin = nearest.segment == own
+                || nearest.segment.parent() == Some(own)
+                || own.parent() == Some(nearest.segment)
+                || own.parent().is_some() && own.parent() == nearest.segment.parent() && own.is_arm() == nearest.segment.is_arm();
+            (!kin).then(|| format!("{} of {} near {}", h.label, own.name(), nearest.segment.name()))
+        });
+        astray.collect()
+    }
+
+    fn share(&self) -> f64 {
+        self.binding.handles.len() as f64 / self.binding.decisions.markers as f64
+    }
+}
+
+#[test]
+fn labelled_takes_are_bound_to_bodies() {
+    let male_t = "bodies/makehuman_male_body_tpose_quads_cm.obj.gz";
+    let male_a = "bodies/makehuman_male_body_apose_quads.obj.gz";
+    let scanned = "scans/synthetic_scan_male_apose_mm_zup.ply.gz";
+    for (scan, take, still, least) in [
+        (male_t, "mocap36.c3d", None, 0.85),
+        (male_a, "pig_antom_walk.c3d", Some("pig_antom_static.c3d"), 0.85),
+        (scanned, "pycgm_rom_static.c3d", None, 0.9),
+        (scanned, "pig_antom_walk.c3d", Some("pig_antom_static.c3d"), 0.85),
+        ("bodies/nbs_maynard_tpose.obj.gz", "mocap36.c3d", None, 0.85),
+    ] {
+        let Some(bound) = case(scan, take, still, &Options::default()) else { continue };
+        let case = match bound {
+            Ok(case) => case,
+            Err(error) => {
+                eprintln!("== {scan} {take}: {error}");
+                continue;
+            }
+        };
+        for h in &case.binding.handles {
+            if h.beta < 1.0 {
+                eprintln!("soft {}", h.label);
+            }
+        }
+        eprintln!("astray {:?} share {:.2} height {}", case.astray(), case.share(), case.height * case.unit_box.diagonal);
+        let Motion::Markers(take) = &case.capture.motion;
+        assert!(take.markers() > 0);
+        assert!(case.share() >= least);
+    }
+}
+
+#[test]
+fn a_climb_is_refused_or_warned_about() {
+    let Some(bound) = case("bodies/makehuman_male_body_apose_quads.obj.gz", "cmu_01_01.c3d", None, &Options::default()) else {
+        return;
+    };
+    match bound {
+        Ok(case) => assert!(!case.binding.notes.is_empty()),
+        Err(error) => eprintln!("{error}"),
+    }
+}

@@ -1,0 +1,363 @@
+//! Made people: bodies of capsules, captured by markers at the dictionary's places.
+
+use super::fit::{self, Observation, Ratio};
+use super::landmarks::{Body, Joint, NotHuman};
+use super::segments::{Segment, Side, Skeleton};
+use super::*;
+use crate::capture::{Capture, MarkerTake, Motion};
+use crate::space::{Evidence, Known};
+use glam::DQuat;
+use std::f64::consts::TAU;
+
+const PLUG_IN_GAIT: [&str; 35] = [
+    "LFHD", "RFHD", "LBHD", "RBHD", "C7", "T10", "CLAV", "STRN", "RBAK", "LSHO", "LELB", "LWRA", "LWRB", "LFIN", "RSHO", "RELB",
+    "RWRA", "RWRB", "RFIN", "LASI", "RASI", "LPSI", "RPSI", "LTHI", "LKNE", "LTIB", "LANK", "LHEE", "LTOE", "RTHI", "RKNE",
+    "RTIB", "RANK", "RHEE", "RTOE",
+];
+
+/// A person 1.75 m tall in metres, y up, facing +z, arms at `arms` radians below the horizontal; then scaled to the unit box.
+struct Person {
+    body: Body,
+    tree: TriangleTree,
+    unit_box: UnitBox,
+}
+
+fn person(arms: f64) -> Person {
+    use Joint::*;
+    let mut joints = [DVec3::ZERO; Joint::COUNT];
+    let mut set = |joint: Joint, x: f64, y: f64, z: f64| joints[joint as usize] = DVec3::new(x, y, z);
+    set(MidHip, 0.0, 0.93, 0.0);
+    set(Neck, 0.0, 1.46, -0.02);
+    set(Head, 0.0, 1.56, 0.0);
+    set(Crown, 0.0, 1.75, 0.0);
+    let (c, s) = (arms.cos(), arms.sin());
+    for (x, [shoulder, elbow, wrist, tip], [hip, knee, ankle, toe]) in [
+        (1.0, [LeftShoulder, LeftElbow, LeftWrist, LeftHandTip], [LeftHip, LeftKnee, LeftAnkle, LeftToe]),
+        (-1.0, [RightShoulder, RightElbow, RightWrist, RightHandTip], [RightHip, RightKnee, RightAnkle, RightToe]),
+    ] {
+        for (joint, along) in [(shoulder, 0.0), (elbow, 0.29), (wrist, 0.54), (tip, 0.73)] {
+            set(joint, x * (0.18 + along * c), 1.42 - along * s, 0.0);
+        }
+        set(hip, x * 0.09, 0.93, 0.0);
+        set(knee, x * 0.12, 0.50, 0.01);
+        set(ankle, x * 0.14, 0.08, -0.02);
+        set(toe, x * 0.16, 0.02, 0.19);
+    }
+    let at = |joint: Joint| joints[joint as usize];
+    let mut points = Vec::new();
+    let mut triangles = Vec::new();
+    let mut capsule = |a: DVec3, b: DVec3, r: f64| add_capsule(&mut points, &mut triangles, a, b, r);
+    capsule(at(MidHip), at(Neck), 0.14);
+    capsule(at(LeftHip), at(RightHip), 0.11);
+    capsule(at(LeftShoulder), at(RightShoulder), 0.06);
+    capsule(at(Neck), at(Head), 0.06);
+    capsule(at(Head), DVec3::new(0.0, 1.66, 0.0), 0.09);
+    for limb in [
+        [LeftShoulder, LeftElbow, LeftWrist, LeftHandTip, LeftHip, LeftKnee, LeftAnkle, LeftToe],
+        [RightShoulder, RightElbow, RightWrist, RightHandTip, RightHip, RightKnee, RightAnkle, RightToe],
+    ] {
+        for (a, b, r) in [(0, 1, 0.05), (1, 2, 0.04), (2, 3, 0.03), (4, 5, 0.08), (5, 6, 0.055), (6, 7, 0.045)] {
+            capsule(at(limb[a]), at(limb[b]), r);
+        }
+    }
+    let (lo, hi) = points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p: &DVec3| (l.min(*p), h.max(*p)));
+    let unit_box = UnitBox { centre: (lo + hi) * 0.5, diagonal: (hi - lo).length() };
+    let entered: Vec<DVec3> = points.iter().map(|&p| unit_box.enter(p)).collect();
+    let body = Body {
+        joints: joints.map(|p| unit_box.enter(p)),
+        up: DVec3::Y,
+        forward: DVec3::Z,
+        facing_ratio: 5.0,
+        margin: 0.8,
+        cost: 0.1,
+        stature: 1.75 / unit_box.diagonal,
+        arm_elevation: [-arms.to_degrees(); 2],
+    };
+    Person { body, tree: TriangleTree::new(&entered, &triangles), unit_box }
+}
+
+fn add_capsule(points: &mut Vec<DVec3>, triangles: &mut Vec<[u32; 3]>, a: DVec3, b: DVec3, r: f64) {
+    let axis = (b - a).normalize();
+    let x = axis.any_orthonormal_vector();
+    let y = axis.cross(x);
+    let first = points.len() as u32;
+    const AROUND: u32 = 12;
+    // Rings as (end, height along the axis, radius), in radii.
+    let rings = [(a, -0.99, 0.05), (a, -0.7, 0.714), (a, 0.0, 1.0), (b, 0.0, 1.0), (b, 0.7, 0.714), (b, 0.99, 0.05)];
+    for (end, along, radius) in rings {
+        for k in 0..AROUND {
+            let (s, c) = (TAU * f64::from(k) / f64::from(AROUND)).sin_cos();
+            points.push(end + axis * along * r + (x * c + y * s) * radius * r);
+        }
+    }
+    for ring in 0..rings.len() as u32 - 1 {
+        for k in 0..AROUND {
+            let (i, j) = (first + ring * AROUND + k, first + ring * AROUND + (k + 1) % AROUND);
+            triangles.push([i, j, j + AROUND]);
+            triangles.push([i, j + AROUND, i + AROUND]);
+        }
+    }
+    for k in 1..AROUND - 1 {
+        triangles.push([first, first + k + 1, first + k]);
+        let top = first + (rings.len() as u32 - 1) * AROUND;
+        triangles.push([top, top + k, top + k + 1]);
+    }
+}
+
+/// The landmarks of labels on a person, as observations.
+fn landmarks_of(person: &Person, labels: &[String]) -> Vec<Observation> {
+    let skeleton = Skeleton::of(&person.body);
+    let named = labels::name(labels, &vec![1; labels.len()], false);
+    named
+        .iter()
+        .map(|(i, place)| Observation {
+            marker: DVec3::new(i as f64, 0.0, 0.0),
+            place: places::on_skin(place, &skeleton, &person.tree),
+            segment: place.segment(),
+            weight: place.weight,
+        })
+        .collect()
+}
+
+fn labels_of(words: &[&str]) -> Vec<String> {
+    words.iter().map(|&w| w.to_owned()).collect()
+}
+
+/// Frames of markers in millimetres, z up, turned by `yaw` about up and shifted; noise of `noise` millimetres.
+fn take(person: &Person, labels: &[String], frames: &[Vec<DVec3>], yaw: f64, noise: f64) -> Capture {
+    let to_capture = DQuat::from_axis_angle(DVec3::Z, yaw) * similarity::turn_between(DVec3::Y, DVec3::Z);
+    let mut seed = 12345u64;
+    let mut random = || {
+        seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (seed >> 33) as f64 / f64::from(u32::MAX >> 1) * 2.0 - 1.0
+    };
+    let mut points = Vec::new();
+    for frame in frames {
+        for &p in frame {
+            let jitter = DVec3::new(random(), random(), random()) * noise;
+            let q = to_capture * person.unit_box.leave(p) * 1000.0 + DVec3::new(800.0, -300.0, 0.0) + jitter;
+            points.push([q.x as f32, q.y as f32, q.z as f32]);
+        }
+    }
+    Capture {
+        name: "made".to_owned(),
+        rate: 100.0,
+        first_frame: 1,
+        space: Space { unit: Some(Known::new(Unit::Millimetre, Evidence::File)), ..Space::default() },
+        motion: Motion::Markers(MarkerTake { labels: labels.to_vec(), points }),
+        source: "made.c3d".into(),
+        cleaning: crate::capture::Cleaning::default(),
+        notes: Notes::default(),
+    }
+}
+
+fn bound(person: &Person, capture: &Capture, options: &Options) -> Result<Binding> {
+    let space = Space::default();
+    let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space };
+    bind(&scan, Ok(person.body.clone()), capture, None, options)
+}
+
+/// Largest distance between attachments and the landmarks that the markers were made from, in statures.
+fn worst(person: &Person, labels: &[String], binding: &Binding) -> f64 {
+    let truth = landmarks_of(person, labels);
+    let far = binding.handles.iter().map(|h| (h.attachment - truth[h.marker].place).length());
+    far.fold(0.0, f64::max) / person.body.stature
+}
+
+#[test]
+fn another_pose_of_the_same_person_is_carried_back_to_the_scan() {
+    let person = person(0.75);
+    let labels = labels_of(&PLUG_IN_GAIT);
+    let seen = landmarks_of(&person, &labels);
+    let skeleton = Skeleton::of(&person.body);
+    let turns = [
+        (Segment::LeftUpperArm, DVec3::new(0.0, -0.2, -0.5)),
+        (Segment::RightUpperArm, DVec3::new(-0.4, 0.0, 0.4)),
+        (Segment::LeftForearm, DVec3::new(-0.5, 0.0, 0.0)),
+        (Segment::LeftThigh, DVec3::new(-0.4, 0.0, 0.0)),
+        (Segment::LeftShank, DVec3::new(0.5, 0.0, 0.0)),
+        (Segment::Trunk, DVec3::new(0.1, 0.1, 0.0)),
+    ];
+    let frame = fit::simulate(&skeleton, &seen, &turns, &[]);
+    let binding = bound(&person, &take(&person, &labels, &[frame], 1.2, 3.0), &Options::default()).unwrap();
+    assert_eq!(binding.decisions.align, Align::Pose);
+    assert_eq!(binding.handles.len(), 35);
+    assert!((binding.decisions.scale - 1.0).abs() < 0.02, "{:?}", binding.decisions.scale);
+    assert!(worst(&person, &labels, &binding) < 0.02, "{}", worst(&person, &labels, &binding));
+    for handle in &binding.handles {
+        assert_eq!(handle.segment, Some(seen[handle.marker].segment), "{}", handle.label);
+    }
+}
+
+#[test]
+fn proportions_are_taken_out_of_the_attachments() {
+    let person = person(0.75);
+    let labels = labels_of(&PLUG_IN_GAIT);
+    let seen = landmarks_of(&person, &labels);
+    let skeleton = Skeleton::of(&person.body);
+    let ratios = [(Ratio::Thigh, 1.10), (Ratio::Shank, 1.06), (Ratio::Torso, 0.94), (Ratio::UpperArm, 0.95)];
+    let turns = [(Segment::LeftUpperArm, DVec3::new(0.0, 0.0, 0.4)), (Segment::RightUpperArm, DVec3::new(0.0, 0.0, -0.4))];
+    let frame = fit::simulate(&skeleton, &seen, &turns, &ratios);
+    let binding = bound(&person, &take(&person, &labels, &[frame], -2.0, 2.0), &Options::default()).unwrap();
+    assert!(worst(&person, &labels, &binding) < 0.03, "{}", worst(&person, &labels, &binding));
+    let ratio = |name: &str| binding.decisions.proportions.iter().find(|p| p.0 == name).unwrap().1;
+    assert!(ratio("thigh") > 1.04 && ratio("torso") < 0.98, "{:?}", binding.decisions.proportions);
+}
+
+#[test]
+fn the_frame_nearest_to_the_scans_pose_is_the_reference() {
+    let person = person(0.75);
+    let labels = labels_of(&PLUG_IN_GAIT);
+    let seen = landmarks_of(&person, &labels);
+    let skeleton = Skeleton::of(&person.body);
+    let frames: Vec<Vec<DVec3>> = (0..9)
+        .map(|k| {
+            let angle = 0.2 * (f64::from(k) - 6.0);
+            let turns = [(Segment::LeftUpperArm, DVec3::Z * angle), (Segment::RightUpperArm, DVec3::Z * -angle)];
+            fit::simulate(&skeleton, &seen, &turns, &[])
+        })
+        .collect();
+    let binding = bound(&person, &take(&person, &labels, &frames, 0.4, 0.5), &Options::default()).unwrap();
+    assert_eq!(binding.decisions.reference_frame, 7);
+    assert_eq!(binding.decisions.align, Align::Similarity);
+    assert!(worst(&person, &labels, &binding) < 0.005);
+}
+
+#[test]
+fn mirrored_markers_are_refused_with_the_options_that_decide() {
+    let person = person(0.75);
+    let labels = labels_of(&PLUG_IN_GAIT);
+    let frame = landmarks_of(&person, &labels).iter().map(|o| o.place).collect();
+    let mut capture = take(&person, &labels, &[frame], 0.4, 0.5);
+    let Motion::Markers(markers) = &mut capture.motion;
+    for p in &mut markers.points {
+        p[0] = -p[0];
+    }
+    let error = bound(&person, &capture, &Options::default()).unwrap_err();
+    assert_eq!(error.exit_code(), 3);
+    let text = error.to_string();
+    assert!(text.contains("--mirror") && text.contains("--swap-sides"), "{text}");
+    let mended = bound(&person, &capture, &Options { mirror: true, ..Options::default() }).unwrap();
+    assert!(worst(&person, &labels, &mended) < 0.01);
+}
+
+#[test]
+fn swapped_labels_are_mended_by_swap_sides() {
+    let person = person(0.75);
+    let labels = labels_of(&PLUG_IN_GAIT);
+    let frame: Vec<DVec3> = landmarks_of(&person, &labels).iter().map(|o| o.place).collect();
+    let swapped: Vec<String> = labels
+        .iter()
+        .map(|l| match l.chars().next() {
+            Some('L') => format!("R{}", &l[1..]),
+            Some('R') => format!("L{}", &l[1..]),
+            _ => l.clone(),
+        })
+        .collect();
+    let capture = take(&person, &swapped, &[frame], 0.0, 0.0);
+    assert!(bound(&person, &capture, &Options::default()).is_err());
+    let mended = bound(&person, &capture, &Options { swap_sides: true, ..Options::default() }).unwrap();
+    assert!(worst(&person, &labels, &mended) < 0.01);
+}
+
+#[test]
+fn unknown_labels_go_to_the_segment_that_they_move_with() {
+    let person = person(0.75);
+    let mut words = PLUG_IN_GAIT.to_vec();
+    words.extend(["RFT1", "sword"]);
+    let labels = labels_of(&words);
+    let named = labels_of(&PLUG_IN_GAIT);
+    let mut seen = landmarks_of(&person, &named);
+    let skeleton = Skeleton::of(&person.body);
+    let shank = skeleton.bone(Segment::RightShank);
+    let extra = shank.origin.lerp(shank.end, 0.6) + shank.forward * 0.03;
+    seen.push(Observation { marker: DVec3::ZERO, place: extra, segment: Segment::RightShank, weight: 0.5 });
+    let frames: Vec<Vec<DVec3>> = (0..12)
+        .map(|k| {
+            let swing = (f64::from(k) * 0.5).sin() * 0.6;
+            let turns = [
+                (Segment::RightThigh, DVec3::X * swing),
+                (Segment::RightShank, DVec3::X * (0.6 - swing)),
+                (Segment::RightFoot, DVec3::X * 0.5 * swing),
+                (Segment::LeftThigh, DVec3::X * -swing),
+                (Segment::LeftUpperArm, DVec3::X * swing),
+            ];
+            let mut frame = fit::simulate(&skeleton, &seen, &turns, &[]);
+            // Swung about on its own.
+            frame.push(DVec3::new(0.4, 0.1 * f64::from(k % 3), 0.3 * swing));
+            frame
+        })
+        .collect();
+    let binding = bound(&person, &take(&person, &labels, &frames, 0.4, 0.5), &Options::default()).unwrap();
+    let handle = binding.handles.iter().find(|h| h.label == "RFT1").unwrap();
+    assert_eq!(handle.segment, Some(Segment::RightShank));
+    assert!((handle.attachment - extra).length() < 0.02 * person.body.stature);
+    assert_eq!(binding.unbound.len(), 1);
+    assert_eq!(binding.unbound[0].0, "sword");
+}
+
+#[test]
+fn a_capture_on_the_scan_is_bound_as_it_is() {
+    let person = person(0.75);
+    let labels = labels_of(&PLUG_IN_GAIT);
+    let frame: Vec<DVec3> = landmarks_of(&person, &labels).iter().map(|o| o.place).collect();
+    let mut capture = take(&person, &labels, std::slice::from_ref(&frame), 0.0, 0.0);
+    let Motion::Markers(markers) = &mut capture.motion;
+    markers.points = frame.iter().map(|&p| person.unit_box.leave(p).as_vec3().to_array()).collect();
+    capture.space.unit = None;
+    let binding = bound(&person, &capture, &Options::default()).unwrap();
+    assert_eq!(binding.decisions.align, Align::None);
+    let (mut positions, mut present) = (Vec::new(), Vec::new());
+    let Motion::Markers(markers) = &capture.motion;
+    binding.targets(&markers.points, &mut positions, &mut present);
+    for (handle, target) in binding.handles.iter().zip(&positions) {
+        assert!((handle.attachment - target).length() < 1e-9);
+    }
+}
+
+#[test]
+fn what_is_no_body_is_refused_with_the_way_out() {
+    let person = person(0.75);
+    let labels = labels_of(&PLUG_IN_GAIT);
+    let frame: Vec<DVec3> = landmarks_of(&person, &labels).iter().map(|o| o.place).collect();
+    let capture = take(&person, &labels, &[frame], 0.4, 0.0);
+    let space = Space::default();
+    let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space };
+    let nobody = NotHuman { reason: "five limbs".to_owned(), margin_and_cost: Some((0.04, 0.6)) };
+    let error = bind(&scan, Err(nobody), &capture, None, &Options::default()).unwrap_err();
+    assert_eq!(error.exit_code(), 3);
+    assert!(error.to_string().contains("--align none"));
+    let few = labels_of(&["a", "b", "c", "LASI", "RASI"]);
+    let mut nameless = capture.clone();
+    let Motion::Markers(markers) = &mut nameless.motion;
+    markers.labels = few;
+    markers.points.truncate(5);
+    assert_eq!(bound(&person, &nameless, &Options::default()).unwrap_err().exit_code(), 3);
+}
+
+#[test]
+fn user_values_of_yaw_and_scale_are_kept() {
+    let person = person(0.75);
+    let labels = labels_of(&PLUG_IN_GAIT);
+    let frame: Vec<DVec3> = landmarks_of(&person, &labels).iter().map(|o| o.place).collect();
+    let capture = take(&person, &labels, &[frame], 0.3, 0.0);
+    let options = Options { yaw: Some(-20.0), scale: Some(0.97), ..Options::default() };
+    let binding = bound(&person, &capture, &options).unwrap();
+    assert!((binding.decisions.yaw + 20.0).abs() < 1e-9);
+    assert!((binding.decisions.scale - 0.97).abs() < 1e-9);
+}
+
+#[test]
+fn arms_below_the_scans_are_measured() {
+    let person = person(0.0);
+    let labels = labels_of(&PLUG_IN_GAIT);
+    let seen = landmarks_of(&person, &labels);
+    let skeleton = Skeleton::of(&person.body);
+    let turns = [(Segment::LeftUpperArm, DVec3::Z * -1.0), (Segment::RightUpperArm, DVec3::Z * 1.0)];
+    let frame = fit::simulate(&skeleton, &seen, &turns, &[]);
+    let observations: Vec<Observation> = seen.iter().zip(&frame).map(|(o, &marker)| Observation { marker, ..*o }).collect();
+    let found = fit::fit(&skeleton, &observations);
+    for side in [Side::Left, Side::Right] {
+        assert!((found.arm_elevation(&skeleton, side) + 57.3).abs() < 4.0);
+    }
+}

@@ -1,0 +1,240 @@
+//! Filling of gaps: from rigid neighbours, else by interpolation over short times, else not at all.
+
+use super::MarkerTake;
+use super::neighbours::{Present, at, steady};
+use super::rigid::{self, Motion};
+use glam::DVec3;
+use std::ops::Range;
+
+/// Neighbours that carry a marker over a gap.
+const NEIGHBOURS: usize = 4;
+/// Further neighbours that are taken in when the first ones lie on one line.
+const MORE_NEIGHBOURS: usize = 6;
+/// Neighbours spread at least this share of the body across their longest direction, else their rotation is arbitrary.
+const SPREAD: f64 = 0.01;
+/// Where the neighbours carry the marker from one end of a gap further than this share of the body off the other end, it is
+/// not the marker that was lost.
+const DRIFT: f64 = 0.08;
+/// Longest gaps, in seconds, that neighbours fill between two known positions, and beyond the first or last one.
+const BETWEEN: f64 = 5.0;
+const BEYOND: f64 = 2.0;
+/// Longest gaps, in seconds, for a cubic and for a straight line.
+const CUBIC: f64 = 0.1;
+const LINEAR: f64 = 0.25;
+
+/// What filling did.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Filled {
+    /// Gaps filled from neighbours, and positions in them.
+    pub(super) rigid: usize,
+    /// Gaps filled by interpolation.
+    pub(super) interpolated: usize,
+    /// Positions filled in all.
+    pub(super) positions: usize,
+    /// Gaps that stay.
+    pub(super) left: usize,
+    /// Marker and length in frames of the longest gap that stays.
+    pub(super) longest: Option<(usize, usize)>,
+}
+
+/// Fills the gaps of all markers. `size`: diagonal of the body, in the take's unit.
+///
+/// Only measured positions carry others, so the order of markers does not matter.
+pub(super) fn fill(take: &mut MarkerTake, rate: f64, size: f64) -> Filled {
+    let present = Present::of(take);
+    let mut done = Filled::default();
+    for marker in 0..take.markers() {
+        let gaps = present.gaps(marker);
+        if gaps.is_empty() {
+            continue;
+        }
+        let candidates = steady(take, &present, marker, size);
+        for gap in gaps {
+            let length = gap.len();
+            let fill = carried(take, &present, marker, &gap, &candidates, rate, size);
+            done.rigid += usize::from(fill.is_some());
+            let fill = fill.or_else(|| {
+                let line = interpolated(take, &present, marker, &gap, rate);
+                done.interpolated += usize::from(line.is_some());
+                line
+            });
+            match fill {
+                Some(positions) => {
+                    done.positions += length;
+                    for (frame, p) in gap.zip(positions) {
+                        let at = frame * take.markers() + marker;
+                        take.points[at] = p.as_vec3().to_array();
+                    }
+                }
+                None => {
+                    done.left += 1;
+                    if done.longest.is_none_or(|(_, l)| length > l) {
+                        done.longest = Some((marker, length));
+                    }
+                }
+            }
+        }
+    }
+    done
+}
+
+/// The gap filled by the rigid motion of neighbours that were seen all through it.
+///
+/// The marker is carried from the last position before and from the first one after the gap, and the two are blended, so the
+/// path joins both ends whatever the skin does.
+fn carried(
+    take: &MarkerTake,
+    present: &Present,
+    marker: usize,
+    gap: &Range<usize>,
+    candidates: &[usize],
+    rate: f64,
+    size: f64,
+) -> Option<Vec<DVec3>> {
+    let before = gap.start.checked_sub(1);
+    let after = (gap.end < present.frames).then_some(gap.end);
+    let longest = if before.is_some() && after.is_some() { BETWEEN } else { BEYOND };
+    if gap.len() as f64 > longest * rate {
+        return None;
+    }
+    let known = before.unwrap_or(gap.start)..after.map_or(gap.end, |f| f + 1);
+    let mut neighbours: Vec<usize> = Vec::with_capacity(MORE_NEIGHBOURS);
+    let mut wide = false;
+    for other in candidates.iter().copied().filter(|o| present.throughout(known.clone(), *o)) {
+        neighbours.push(other);
+        let anchor = before.or(after)?;
+        let places: Vec<DVec3> = neighbours.iter().map(|m| at(take, anchor, *m)).collect();
+        wide = places.len() >= 3 && rigid::width(&places) > SPREAD * size;
+        if (wide && neighbours.len() >= NEIGHBOURS) || neighbours.len() == MORE_NEIGHBOURS {
+            break;
+        }
+    }
+    if !wide {
+        return None;
+    }
+
+    let places = |frame: usize| neighbours.iter().map(|m| at(take, frame, *m)).collect::<Vec<_>>();
+    let ends = [before, after].map(|end| end.map(|frame| (places(frame), at(take, frame, marker))));
+    let carry = |end: &(Vec<DVec3>, DVec3), target: &[DVec3]| Motion::fit(&end.0, target).apply(end.1);
+    if let [Some(first), Some(last)] = &ends
+        && carry(first, &last.0).distance(last.1) > DRIFT * size
+    {
+        return None;
+    }
+    let steps = (gap.len() + 1) as f64;
+    gap.clone()
+        .map(|frame| {
+            let target = places(frame);
+            match &ends {
+                [Some(first), Some(last)] => {
+                    let share = (frame + 1 - gap.start) as f64 / steps;
+                    Some(carry(first, &target).lerp(carry(last, &target), share))
+                }
+                [Some(one), None] | [None, Some(one)] => Some(carry(one, &target)),
+                [None, None] => None,
+            }
+        })
+        .collect()
+}
+
+/// A short gap between two known positions: a cubic through the speeds at its ends, or a straight line.
+fn interpolated(take: &MarkerTake, present: &Present, marker: usize, gap: &Range<usize>, rate: f64) -> Option<Vec<DVec3>> {
+    let (before, after) = (gap.start.checked_sub(1)?, gap.end);
+    let frames = |seconds: f64| ((seconds * rate).round() as usize).max(1);
+    if after >= present.frames || gap.len() > frames(LINEAR) {
+        return None;
+    }
+    let (a, b) = (at(take, before, marker), at(take, after, marker));
+    let steps = (gap.len() + 1) as f64;
+    let chord = (b - a) / steps;
+    let cubic = gap.len() <= frames(CUBIC);
+    let speed = |from: Option<usize>, to: usize| match from {
+        Some(from) if cubic && to < present.frames && present.has(from, marker) && present.has(to, marker) => {
+            at(take, to, marker) - at(take, from, marker)
+        }
+        _ => chord,
+    };
+    let (start, end) = (speed(before.checked_sub(1), before) * steps, speed(Some(after), after + 1) * steps);
+    let path = |frame: usize| {
+        let t = (frame - before) as f64 / steps;
+        let (t2, t3) = (t * t, t * t * t);
+        a * (2.0 * t3 - 3.0 * t2 + 1.0) + start * (t3 - 2.0 * t2 + t) + b * (3.0 * t2 - 2.0 * t3) + end * (t3 - t2)
+    };
+    Some(gap.clone().map(path).collect())
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    const RATE: f64 = 100.0;
+
+    /// Five points of a body that tumbles along, and its diagonal.
+    fn tumbling(frames: usize) -> (MarkerTake, f64) {
+        let body = [[0.0, 0.0, 0.0], [300.0, 0.0, 0.0], [0.0, 200.0, 0.0], [0.0, 0.0, 250.0], [100.0, 100.0, 100.0]];
+        let labels = ["a", "b", "c", "d", "e"].map(str::to_owned).to_vec();
+        let mut points = Vec::new();
+        for f in 0..frames {
+            let t = f as f64 / RATE;
+            let turn = glam::DQuat::from_axis_angle(DVec3::new(0.6, 0.8, 0.0), 2.0 * t);
+            let shift = DVec3::new(800.0 * t, 100.0 * (3.0 * t).sin(), 900.0);
+            points.extend(body.map(|p| (turn * DVec3::from(p) + shift).as_vec3().to_array()));
+        }
+        (MarkerTake { labels, points }, 800.0)
+    }
+
+    fn hide(take: &mut MarkerTake, frames: Range<usize>, marker: usize) {
+        for f in frames {
+            let at = f * take.markers() + marker;
+            take.points[at] = [f32::NAN; 3];
+        }
+    }
+
+    fn worst(a: &MarkerTake, b: &MarkerTake) -> f32 {
+        let off = |p: &[f32; 3], q: &[f32; 3]| (0..3).map(|i| (p[i] - q[i]).abs()).fold(0.0, f32::max);
+        a.points.iter().zip(&b.points).map(|(p, q)| if p[0].is_nan() { f32::INFINITY } else { off(p, q) }).fold(0.0, f32::max)
+    }
+
+    #[test]
+    fn rigid_neighbours_carry_a_marker_through_and_beyond() {
+        let (truth, size) = tumbling(300);
+        for gap in [100..170, 0..80, 250..300] {
+            let mut take = truth.clone();
+            hide(&mut take, gap, 4);
+            let done = fill(&mut take, RATE, size);
+            assert_eq!((done.rigid, done.left), (1, 0));
+            assert!(worst(&take, &truth) < 0.01);
+        }
+    }
+
+    #[test]
+    fn without_neighbours_only_short_gaps_between_ends_are_filled() {
+        let (mut truth, _) = tumbling(300);
+        truth.labels.truncate(1);
+        truth.points = truth.points.iter().step_by(5).copied().collect();
+        let mut take = truth.clone();
+        for gap in [20..30, 60..85, 120..160, 290..300] {
+            hide(&mut take, gap, 0);
+        }
+        let done = fill(&mut take, RATE, 440.0);
+        assert_eq!(done, Filled { rigid: 0, interpolated: 2, positions: 35, left: 2, longest: Some((0, 40)) });
+        assert!(take.point(140, 0).is_none() && take.point(295, 0).is_none());
+        assert!(take.point(25, 0).unwrap().distance(truth.point(25, 0).unwrap()) < 0.5);
+    }
+
+    #[test]
+    fn neighbours_on_one_line_do_not_turn_a_marker() {
+        let (mut take, size) = tumbling(100);
+        let along = |f: usize| take.points[f * 5];
+        let bent: Vec<[f32; 3]> = (0..100)
+            .flat_map(|f| {
+                let [x, y, z] = along(f);
+                [[x, y, z], [x + 50.0, y, z], [x + 100.0, y, z], [x + 20.0, y + 60.0, z], [x + 150.0, y, z]]
+            })
+            .collect();
+        take.points = bent;
+        hide(&mut take, 30..90, 3);
+        assert_eq!(fill(&mut take, RATE, size).left, 1);
+    }
+}

@@ -1,0 +1,441 @@
+//! The main job: read, decide, set up, run, sum up.
+
+use super::args::{Align, Animate, Reference};
+use super::console::Console;
+use super::{outputs, words};
+use crate::binding::{self, Binding, ScanShape, landmarks};
+use crate::capture::{self, Capture, Motion, ReadOptions};
+use crate::deform::Handle;
+use crate::deform::volumetric::{Options, Volumetric};
+use crate::error::{Error, Kind, Notes, Result};
+use crate::export::{Cancel, FrameSink, Header, Written};
+use crate::pipeline::{self, Job, Outcome};
+use crate::proxy::rows::HandleRows;
+use crate::proxy::{self, BuildOptions, Proxy, medit};
+use crate::report::{self, ReportWriter};
+use crate::scan::{self, Scan, UnitBox};
+use crate::spatial::TriangleTree;
+use crate::surface::SurfaceMap;
+use glam::DVec3;
+use serde_json::{Value, json};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Runs the main job.
+pub(super) fn run(args: &Animate, console: &Console) -> Result<()> {
+    let start = Instant::now();
+    let cancel = Cancel::default();
+    let on_interrupt = cancel.clone();
+    // Fails only if a handler is set already, which is as good.
+    let _ = ctrlc::set_handler(move || on_interrupt.cancel());
+    let threads = args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+    pool.map_err(|e| Error::new(Kind::Usage, format!("cannot start {threads} threads: {e}")).hint("--threads 1"))?;
+    let sinks = outputs::sinks(args)?;
+    let setup = Setup::make(args, console, &cancel, start)?;
+    setup.animate(args, console, cancel, sinks, threads > 1)
+}
+
+/// Everything that is decided and computed before the first frame.
+struct Setup {
+    scan: Arc<Scan>,
+    capture: Capture,
+    unit_box: UnitBox,
+    binding: Binding,
+    proxy: Arc<Proxy>,
+    map: Arc<SurfaceMap>,
+    handles: Vec<Handle>,
+    deformer: Volumetric,
+    clock: Clock,
+    warnings: Vec<String>,
+    start: Instant,
+}
+
+impl Setup {
+    fn make(args: &Animate, console: &Console, cancel: &Cancel, start: Instant) -> Result<Self> {
+        let mut clock = Clock { last: start, laps: Vec::new() };
+        let mut warnings = Vec::new();
+        let (scan, captures) = rayon::join(|| scan::read(&args.scan), || read_captures(args));
+        let (scan, (capture, reference)) = (scan?, captures?);
+        clock.lap("read");
+        cancel.check()?;
+
+        let unit_box = UnitBox::of(&scan.mesh).ok_or_else(|| {
+            Error::malformed("the mesh has no extent").file(&args.scan).expected("faces over at least two different positions")
+        })?;
+        let points: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
+        let triangles = scan.mesh.vertex_triangles();
+        let (built, bound) = rayon::join(
+            || body(args, &scan, unit_box, &points, &triangles, cancel),
+            || bind(args, &scan, unit_box, &points, &triangles, &capture, reference.as_ref()),
+        );
+        let binding = bound?;
+        console.station("scan", &scan_line(args, &scan, unit_box, &binding));
+        console.station("capture", &capture_line(args, &capture, &binding));
+        console.station("bind", &binding.decisions.bind_line());
+        warn(console, &mut warnings, &scan.notes);
+        warn(console, &mut warnings, &capture.notes);
+        warn(console, &mut warnings, &binding.notes);
+        binding_details(&binding).iter().for_each(|line| console.detail(line));
+        let (proxy, remarks, notes) = built?;
+        console.station("proxy", &remarks);
+        warn(console, &mut warnings, &notes);
+        clock.lap("bind and proxy");
+        cancel.check()?;
+
+        let rows = HandleRows::new(&proxy, args.map.into());
+        let handles: Vec<Handle> =
+            binding.handles.iter().map(|h| Handle { name: h.label.clone(), row: rows.row(h.attachment), beta: h.beta }).collect();
+        let options = Options { tolerance: args.quality.tolerance(), iterations: args.iterations, ..Options::default() };
+        let (map, deformer) =
+            rayon::join(|| SurfaceMap::build(&proxy, &points, args.map.into()), || Volumetric::new(&proxy, &handles, &options));
+        let (map, deformer) = (Arc::new(map?), deformer?);
+        clock.lap("map and factor");
+        cancel.check()?;
+        Ok(Self {
+            scan: Arc::new(scan),
+            capture,
+            unit_box,
+            binding,
+            proxy: Arc::new(proxy),
+            map,
+            handles,
+            deformer,
+            clock,
+            warnings,
+            start,
+        })
+    }
+
+    fn animate(
+        mut self,
+        args: &Animate,
+        console: &Console,
+        cancel: Cancel,
+        sinks: Vec<Box<dyn FrameSink>>,
+        overlap: bool,
+    ) -> Result<()> {
+        let Motion::Markers(take) = &self.capture.motion;
+        let range = pipeline::select(self.capture.first_frame, take.frames(), args.frames)?;
+        let header = Arc::new(Header {
+            scan: self.scan.clone(),
+            unit_box: self.unit_box,
+            proxy: self.proxy.clone(),
+            map: self.map.clone(),
+            rate: self.capture.rate,
+            first_frame: self.capture.first_frame + range.start as i64,
+            frames: range.len(),
+            places: self.binding.places().map(|(name, p)| (name.to_owned(), p)).collect(),
+            up: self.binding.decisions.scan_up.map(|up| up.value),
+            cancel,
+        });
+        console.station("solve", &solve_line(args));
+        console.station("write", &args.out.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(" · "));
+        for (name, ms) in &self.clock.laps {
+            console.detail(&format!("{name}: {}", words::seconds(ms / 1e3)));
+        }
+        let setup_seconds = self.start.elapsed().as_secs_f64();
+        let report = args.report.as_ref().map(|path| ReportWriter::begin(path, &self.report_head(args))).transpose()?;
+        let metres = self.binding.decisions.scan_unit.map(|u| u.value.metres());
+        let job = Job {
+            header: header.clone(),
+            take,
+            range,
+            first_frame: self.capture.first_frame,
+            binding: &self.binding,
+            handles: &self.handles,
+            deformer: Box::new(self.deformer),
+            sinks,
+            report,
+            metres,
+            overlap,
+        };
+        let progress = console.progress(header.frames);
+        let result = pipeline::run(job, &|done| progress.at(done));
+        progress.finish();
+        let mut outcome = result.map_err(|e| interrupted_where(e, &progress, header.frames))?;
+
+        outcome_warnings(&outcome).iter().for_each(|text| {
+            console.warning(text);
+            self.warnings.push(text.clone());
+        });
+        for written in &outcome.written {
+            warn(console, &mut self.warnings, &written.notes);
+        }
+        if let Some(report) = outcome.report.take() {
+            report.finish(&outcome.written, metres, &self.warnings)?;
+        }
+        let total = self.start.elapsed().as_secs_f64();
+        console.station("done", &done_line(&outcome, total, &self.handles, metres, self.unit_box.diagonal));
+        let [solve, map, write] = outcome.stage_ms.map(|ms| ms / outcome.frames.max(1) as f64);
+        console.detail(&format!(
+            "set-up {} · per frame: solve {solve:.1} ms ({:.1} passes), map {map:.1} ms, write {write:.1} ms · peak {}",
+            words::seconds(setup_seconds),
+            outcome.passes as f64 / outcome.frames.max(1) as f64,
+            report::peak_megabytes().map_or("unknown".into(), |mb| format!("{mb:.0} MB")),
+        ));
+        Ok(())
+    }
+
+    fn report_head(&self, args: &Animate) -> Vec<(&'static str, Value)> {
+        let name = |p: &std::path::Path| p.display().to_string();
+        let inputs = json!({
+            "scan": name(&args.scan),
+            "capture": name(&args.capture),
+            "reference": args.ref_file.as_deref().map(name),
+            "proxy": args.proxy.as_deref().map(name),
+        });
+        let laps: serde_json::Map<String, Value> =
+            self.clock.laps.iter().map(|(name, ms)| (name.replace(' ', "_"), json!((ms * 10.0).round() / 10.0))).collect();
+        let decisions = json!({
+            "scan": { "vertices": self.scan.mesh.positions.len(), "faces": self.scan.mesh.faces.len(), "diagonal": self.unit_box.diagonal },
+            "capture": { "name": self.capture.name, "rate": self.capture.rate, "first_frame": self.capture.first_frame, "summary": self.capture.summary() },
+            "binding": binding_json(&self.binding),
+            "proxy": { "vertices": self.proxy.rest.len(), "tetrahedra": self.proxy.tets.len() },
+        });
+        vec![("inputs", inputs), ("decisions", decisions), ("setup_ms", Value::Object(laps))]
+    }
+}
+
+/// Milliseconds of the parts of the set-up.
+struct Clock {
+    last: Instant,
+    laps: Vec<(&'static str, f64)>,
+}
+
+impl Clock {
+    fn lap(&mut self, name: &'static str) {
+        let now = Instant::now();
+        self.laps.push((name, (now - self.last).as_secs_f64() * 1e3));
+        self.last = now;
+    }
+}
+
+fn warn(console: &Console, all: &mut Vec<String>, notes: &Notes) {
+    for text in notes.iter() {
+        console.warning(text);
+        all.push(text.to_owned());
+    }
+}
+
+fn read_captures(args: &Animate) -> Result<(Capture, Option<Capture>)> {
+    let options = ReadOptions { subject: args.subject.clone(), frames: None };
+    let capture = capture::read(&args.capture, &options)?;
+    let reference = args.ref_file.as_ref().map(|path| capture::read(path, &ReadOptions::default())).transpose()?;
+    Ok((capture, reference))
+}
+
+/// The proxy: built from the scan, or read from `--proxy`; with the words of its line.
+fn body(
+    args: &Animate,
+    scan: &Scan,
+    unit_box: UnitBox,
+    points: &[DVec3],
+    triangles: &[[u32; 3]],
+    cancel: &Cancel,
+) -> Result<(Proxy, String, Notes)> {
+    if let Some(path) = &args.proxy {
+        let (proxy, notes) = medit::read(path, &unit_box)?;
+        let line = format!(
+            "{}  {} vertices, {} tetrahedra",
+            file_name(path),
+            words::count(proxy.rest.len()),
+            words::count(proxy.tets.len())
+        );
+        return Ok((proxy, line, notes));
+    }
+    let options = BuildOptions { surface_vertices: args.proxy_vertices as usize };
+    let built = proxy::build(points, triangles, &options, &|| cancel.check())
+        .map_err(|e| if e.file.is_none() && e.kind != Kind::Interrupted { e.file(&scan.source) } else { e })?;
+    Ok((built.proxy, format!("{} · {}", built.summary.size(), built.summary.remarks()), built.notes))
+}
+
+fn bind(
+    args: &Animate,
+    scan: &Scan,
+    unit_box: UnitBox,
+    points: &[DVec3],
+    triangles: &[[u32; 3]],
+    capture: &Capture,
+    reference: Option<&Capture>,
+) -> Result<Binding> {
+    let tree = TriangleTree::new(points, triangles);
+    let shape = ScanShape { tree: &tree, unit_box, space: &scan.space };
+    let options = binding::Options {
+        align: match args.align {
+            Align::Auto => binding::Align::Auto,
+            Align::None => binding::Align::None,
+            Align::Similarity => binding::Align::Similarity,
+            Align::Pose => binding::Align::Pose,
+        },
+        reference: match args.reference {
+            Reference::Auto => binding::Reference::Auto,
+            Reference::Frame(n) => binding::Reference::Frame(n),
+        },
+        yaw: args.yaw,
+        flip: args.flip,
+        scale: args.scale,
+        accept_doubtful: args.accept_doubtful,
+        mirror: args.mirror,
+        swap_sides: args.swap_sides,
+        scan_unit: args.scan_unit,
+        scan_up: args.scan_up,
+        capture_unit: args.capture_unit,
+        capture_up: args.capture_up,
+    };
+    binding::bind(&shape, landmarks::find(points, triangles), capture, reference, &options)
+}
+
+fn scan_line(args: &Animate, scan: &Scan, unit_box: UnitBox, binding: &Binding) -> String {
+    let mesh = &scan.mesh;
+    let (mut triangles, mut polygons) = (0, 0);
+    mesh.faces.iter().for_each(|f| if f.len() == 3 { triangles += 1 } else { polygons += 1 });
+    let mut faces = Vec::new();
+    if triangles > 0 {
+        faces.push(words::plural(triangles, "triangle"));
+    }
+    if polygons > 0 {
+        faces.push(words::plural(polygons, "polygon"));
+    }
+    let _ = unit_box;
+    format!(
+        "{}  {}, {}  {}",
+        file_name(&args.scan),
+        words::plural(mesh.positions.len(), "vertex"),
+        faces.join(", "),
+        binding.decisions.scan_words()
+    )
+}
+
+fn capture_line(args: &Animate, capture: &Capture, binding: &Binding) -> String {
+    let mut parts = vec![capture_counts(capture), binding.decisions.capture_words(), capture.cleaning.to_string()];
+    parts.retain(|p| !p.is_empty());
+    format!("{}  {}", file_name(&args.capture), parts.join(" · "))
+}
+
+fn capture_counts(capture: &Capture) -> String {
+    let Motion::Markers(take) = &capture.motion;
+    let rate = words::digits((capture.rate * 1000.0).round() / 1000.0);
+    format!("{}, {} at {rate} Hz", words::plural(take.markers(), "marker"), words::plural(take.frames(), "frame"))
+}
+
+/// One line per marker, for `--verbose`.
+fn binding_details(binding: &Binding) -> Vec<String> {
+    let bound = binding.handles.iter().map(|h| {
+        let segment = h.segment.map_or("as it is", |s| s.name());
+        let doubt = if h.beta < 1.0 { "  (doubtful: soft)" } else { "" };
+        format!("{:<12} {segment}{doubt}", h.label)
+    });
+    bound.chain(binding.unbound.iter().map(|(label, reason)| format!("{label:<12} not bound: {reason}"))).collect()
+}
+
+/// The decisions of the binding for the report.
+fn binding_json(binding: &Binding) -> Value {
+    let d = &binding.decisions;
+    let known = |value: String, how: crate::space::Evidence| json!({ "value": value, "from": how.to_string() });
+    json!({
+        "align": d.align.to_string(),
+        "reference_frame": d.reference_frame,
+        "reference_capture": d.reference_capture,
+        "scale": d.scale,
+        "yaw_degrees": d.yaw,
+        "scan_unit": d.scan_unit.map(|k| known(k.value.to_string(), k.how)),
+        "scan_up": d.scan_up.map(|k| json!({ "value": k.value.to_array(), "from": k.how.to_string() })),
+        "scan_forward": d.scan_forward.map(|k| json!({ "value": k.value.to_array(), "from": k.how.to_string() })),
+        "scan_height": d.scan_height,
+        "capture_unit": d.capture_unit.map(|k| known(k.value.to_string(), k.how)),
+        "capture_up": d.capture_up.map(|k| known(k.value.to_string(), k.how)),
+        "actor_height": d.actor_height,
+        "marker_set": d.set,
+        "markers": d.markers,
+        "named": d.named,
+        "bound": d.bound,
+        "fit_residual_percent_of_height": d.residual.map(|(median, p90)| json!({ "median": median, "p90": p90 })),
+        "strain_percent": d.strain.map(|(median, p95)| json!({ "median": median, "p95": p95 })),
+        "proportions": d.proportions.iter().map(|&(name, ratio)| (name.to_owned(), json!(ratio))).collect::<serde_json::Map<_, _>>(),
+        "handles": binding.handles.iter().map(|h| json!({
+            "label": h.label,
+            "segment": h.segment.map(|s| s.name()),
+            "attachment": h.attachment.to_array(),
+            "beta": h.beta,
+        })).collect::<Vec<_>>(),
+        "unbound": binding.unbound.iter().map(|(label, reason)| json!({ "label": label, "reason": reason })).collect::<Vec<_>>(),
+    })
+}
+
+fn solve_line(args: &Animate) -> String {
+    match args.iterations {
+        Some(n) => format!("volumetric, {n} plain iterations per frame"),
+        None => format!("volumetric, quality {:?}", args.quality).to_lowercase(),
+    }
+}
+
+/// Warnings about the frames, one per kind.
+fn outcome_warnings(outcome: &Outcome) -> Vec<String> {
+    let mut texts = Vec::new();
+    if outcome.held.count() > 0 {
+        texts.push(format!("{} without any marker: the pose was held", outcome.held));
+    }
+    if outcome.folds.count() > 0 {
+        texts.push(format!("fold at {}: more than 10 tetrahedra are inside out there", outcome.folds));
+    }
+    if outcome.unsolved.count() > 0 {
+        texts.push(format!("{} stopped at the cap of passes before the tolerance was reached", outcome.unsolved));
+    }
+    texts
+}
+
+fn done_line(outcome: &Outcome, total: f64, handles: &[Handle], metres: Option<f64>, diagonal: f64) -> String {
+    let length = |scan_units: f64| match metres {
+        Some(m) => words::length(scan_units * m),
+        None => format!("{} units", words::digits(scan_units)),
+    };
+    let residual =
+        |mm: f64| if metres.is_some() { format!("{} mm", words::digits(mm)) } else { format!("{} units", words::digits(mm)) };
+    let mut parts = vec![words::seconds(total)];
+    if let Some((worst, handle, frame)) = outcome.worst {
+        parts.push(format!(
+            "residual median {}, worst {} ({}, frame {frame})",
+            residual(outcome.residuals.quantile(0.5)),
+            residual(worst),
+            handles[handle].name
+        ));
+    }
+    parts.push(format!("volume {:.1}–{:.1} %", outcome.volume.0 * 100.0, outcome.volume.1 * 100.0));
+    for written in &outcome.written {
+        parts.push(written_words(written, diagonal, &length));
+    }
+    parts.join(" · ")
+}
+
+fn written_words(written: &Written, diagonal: f64, length: &dyn Fn(f64) -> String) -> String {
+    let mut text = format!("{} {} ({}", written.path.display(), words::bytes(written.bytes), written.encoding);
+    if written.max_error > 0.0 {
+        let percent = |e: f64| words::digits(e / diagonal * 100.0);
+        text += &format!(
+            ", rms {} %, worst vertex {} % = {}",
+            percent(written.rms_error),
+            percent(written.max_error),
+            length(written.max_error)
+        );
+        if let Some(frame) = written.worst_frame {
+            text += &format!(" in frame {frame}");
+        }
+    }
+    text + ")"
+}
+
+/// An interruption says how far the run came.
+fn interrupted_where(error: Error, progress: &super::console::Progress, frames: usize) -> Error {
+    if error.kind != Kind::Interrupted {
+        return error;
+    }
+    Error::new(
+        Kind::Interrupted,
+        format!("interrupted after {} of {} frames; nothing was written", words::count(progress.done()), words::count(frames)),
+    )
+}
+
+fn file_name(path: &std::path::Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}

@@ -1,0 +1,255 @@
+//! The arguments as typed: strings checked and turned into values, nothing opened yet.
+
+use crate::proxy::rows::MapKind;
+use crate::space::{Axis, Unit};
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+
+/// Makes a scan move like the person, animal or machine that was captured.
+#[derive(Debug, Parser)]
+#[command(
+    name = "retarget",
+    version,
+    about = "Make a scan move like what was captured: no rig, no skinning, no hand work",
+    after_help = "Example: retarget scan.obj walk.c3d -o walk.glb\nA file that is called like a subcommand is written ./inspect",
+    args_conflicts_with_subcommands = true,
+    subcommand_negates_reqs = true,
+    arg_required_else_help = true
+)]
+pub struct Cli {
+    /// Subcommands beside the main job.
+    #[command(subcommand)]
+    pub command: Option<Command>,
+    /// The main job.
+    #[command(flatten)]
+    pub animate: Option<Animate>,
+}
+
+/// What else the program does.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Say what is in scans and captures, without writing anything
+    Inspect(Inspect),
+}
+
+/// Arguments of `retarget inspect`.
+#[derive(Debug, Args)]
+pub struct Inspect {
+    /// Scans (OBJ, PLY, STL, also .gz) and captures (C3D)
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Print JSON, one object per file, for programs
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of the main job.
+#[derive(Debug, Args)]
+pub struct Animate {
+    /// The mesh to animate: OBJ, PLY or STL (also .gz)
+    pub scan: PathBuf,
+    /// The motion: C3D markers
+    pub capture: PathBuf,
+    /// What to write; the extension is the format: .glb, .pc2, or .ply/.obj with a run of # for the frame number (repeatable)
+    #[arg(short, long = "out", value_name = "FILE", required = true)]
+    pub out: Vec<PathBuf>,
+    /// Replace outputs that exist
+    #[arg(long)]
+    pub force: bool,
+    /// Write measures of every frame and all decisions as JSON
+    #[arg(long, value_name = "FILE.json")]
+    pub report: Option<PathBuf>,
+
+    /// Only these frames, inclusive, in the capture's own numbering (for example 120..480)
+    #[arg(long, value_name = "A..B", value_parser = parse_frames, help_heading = "Time", allow_hyphen_values = true)]
+    pub frames: Option<(i64, i64)>,
+
+    /// How the capture is brought onto the scan
+    #[arg(long, value_enum, default_value_t = Align::Auto, help_heading = "Placement")]
+    pub align: Align,
+    /// Reference frame, in which the body stands most like the scan: auto or a frame number
+    #[arg(long = "ref", value_name = "auto|N", default_value = "auto", value_parser = parse_reference, help_heading = "Placement", allow_hyphen_values = true)]
+    pub reference: Reference,
+    /// A static trial of the same markers to take the reference frame from
+    #[arg(long, value_name = "FILE.c3d", help_heading = "Placement")]
+    pub ref_file: Option<PathBuf>,
+    /// Which subject, where the capture holds several
+    #[arg(long, value_name = "NAME", help_heading = "Placement")]
+    pub subject: Option<String>,
+    /// Size of the scan against the captured body, both in metres (1 = the same), instead of fitting it
+    #[arg(long, value_name = "X", value_parser = parse_positive, help_heading = "Placement")]
+    pub scale: Option<f64>,
+    /// Turn the capture about its up axis, degrees, instead of finding the facing
+    #[arg(long, value_name = "DEG", help_heading = "Placement", allow_hyphen_values = true)]
+    pub yaw: Option<f64>,
+    /// Turn the capture by half a turn about up
+    #[arg(long, help_heading = "Placement")]
+    pub flip: bool,
+    /// Mirror the capture (left becomes right)
+    #[arg(long, help_heading = "Placement")]
+    pub mirror: bool,
+    /// Exchange the L and R labels of the capture
+    #[arg(long, help_heading = "Placement")]
+    pub swap_sides: bool,
+    /// Unit of the scan: mm, cm, dm, m, in, ft
+    #[arg(long, value_name = "UNIT", help_heading = "Placement")]
+    pub scan_unit: Option<Unit>,
+    /// Axis of the scan that points up: +X, -X, +Y, ...
+    #[arg(long, value_name = "AXIS", help_heading = "Placement", allow_hyphen_values = true)]
+    pub scan_up: Option<Axis>,
+    /// Unit of the capture
+    #[arg(long, value_name = "UNIT", help_heading = "Placement")]
+    pub capture_unit: Option<Unit>,
+    /// Axis of the capture that points up
+    #[arg(long, value_name = "AXIS", help_heading = "Placement", allow_hyphen_values = true)]
+    pub capture_up: Option<Axis>,
+    /// Go on with a warning where the placement would be refused as doubtful
+    #[arg(long, help_heading = "Placement")]
+    pub accept_doubtful: bool,
+
+    /// Surface vertices of the tetrahedral proxy
+    #[arg(long, value_name = "N", default_value_t = 3000, value_parser = clap::value_parser!(u32).range(100..=100_000), help_heading = "Proxy")]
+    pub proxy_vertices: u32,
+    /// Use this tetrahedral mesh (MEDIT, in the scan's coordinates) as the proxy
+    #[arg(long, value_name = "FILE.mesh", help_heading = "Proxy")]
+    pub proxy: Option<PathBuf>,
+    /// How scan vertices and handles follow the proxy: ring-averaged gradients, or the paper's formulas to the letter
+    #[arg(long, value_enum, default_value_t = Map::Ring, help_heading = "Proxy")]
+    pub map: Map,
+
+    /// How far each frame is solved
+    #[arg(long, value_enum, default_value_t = QualityArg::Default, help_heading = "Solve")]
+    pub quality: QualityArg,
+    /// A fixed count of plain iterations per frame (the paper's mode) instead of solving to a tolerance
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "Solve")]
+    pub iterations: Option<u32>,
+
+    /// Threads to use (default: all cores); the outputs are the same bytes for any number
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024), help_heading = "Machine")]
+    pub threads: Option<u16>,
+    /// Print errors only
+    #[arg(short, long, conflicts_with = "verbose", help_heading = "Machine")]
+    pub quiet: bool,
+    /// Print timings and every bound marker
+    #[arg(short, long, help_heading = "Machine")]
+    pub verbose: bool,
+}
+
+/// `--align`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Align {
+    /// similarity if the scan stands as the actor does in the reference frame, else pose
+    Auto,
+    /// The capture already is in the scan's space; only units are converted
+    None,
+    /// One scale, rotation and shift
+    Similarity,
+    /// One scale, rotation and shift; attachment points from an articulated fit
+    Pose,
+}
+
+/// `--map`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Map {
+    /// Gradients averaged over the ring of tetrahedra
+    Ring,
+    /// Stoll et al. 2007, (2.9)-(2.12)
+    Paper,
+}
+
+impl From<Map> for MapKind {
+    fn from(map: Map) -> Self {
+        match map {
+            Map::Ring => MapKind::Ring,
+            Map::Paper => MapKind::Paper,
+        }
+    }
+}
+
+/// `--quality`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum QualityArg {
+    /// A tenth of a millimetre per step on a body
+    Draft,
+    /// A hundredth
+    Default,
+    /// As far as the golden files
+    Converged,
+}
+
+impl QualityArg {
+    /// Largest step of the solver at which a frame counts as solved, in diagonals.
+    pub fn tolerance(self) -> f64 {
+        match self {
+            QualityArg::Draft => 5e-5,
+            QualityArg::Default => 5e-6,
+            QualityArg::Converged => 1e-6,
+        }
+    }
+}
+
+/// `--ref`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reference {
+    /// The frame nearest to the scan's pose.
+    Auto,
+    /// This frame, in the capture's own numbering.
+    Frame(i64),
+}
+
+fn parse_reference(text: &str) -> Result<Reference, String> {
+    if text.eq_ignore_ascii_case("auto") {
+        return Ok(Reference::Auto);
+    }
+    text.parse().map(Reference::Frame).map_err(|_| "expected 'auto' or a frame number".into())
+}
+
+fn parse_frames(text: &str) -> Result<(i64, i64), String> {
+    let (a, b) = text.split_once("..").ok_or("expected A..B, both inclusive, for example 120..480")?;
+    let number = |s: &str| s.trim().trim_start_matches('=').parse::<i64>().map_err(|_| format!("'{s}' is not a frame number"));
+    let (a, b) = (number(a)?, number(b)?);
+    if a > b {
+        return Err(format!("the range ends ({b}) before it begins ({a})"));
+    }
+    Ok((a, b))
+}
+
+fn parse_positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
+        _ => Err("expected a positive number".into()),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_definitions_are_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn the_main_job_and_a_subcommand_share_the_line() {
+        let cli =
+            Cli::try_parse_from(["retarget", "a.obj", "b.c3d", "-o", "c.glb", "-o", "d.pc2", "--frames", "-5..20"]).unwrap();
+        let animate = cli.animate.unwrap();
+        assert_eq!(animate.out.len(), 2);
+        assert_eq!(animate.frames, Some((-5, 20)));
+        let cli = Cli::try_parse_from(["retarget", "inspect", "a.obj"]).unwrap();
+        assert!(matches!(cli.command, Some(Command::Inspect(i)) if i.files.len() == 1));
+        assert!(Cli::try_parse_from(["retarget", "a.obj", "b.c3d"]).is_err(), "an output is required");
+    }
+
+    #[test]
+    fn ranges_and_numbers_are_checked() {
+        assert_eq!(parse_frames("1..=3"), Ok((1, 3)));
+        assert!(parse_frames("3..1").is_err());
+        assert!(parse_frames("7").is_err());
+        assert_eq!(parse_reference("279"), Ok(Reference::Frame(279)));
+        assert!(parse_positive("-1").is_err() && parse_positive("nan").is_err());
+    }
+}

@@ -1,0 +1,50 @@
+//! Words: arguments, the decisions block, progress, the closing summary, how an error is shown.
+
+mod animate;
+pub mod args;
+mod console;
+mod inspect;
+mod outputs;
+mod words;
+
+use args::{Cli, Command};
+use clap::Parser;
+use console::{Console, Level};
+use std::process::ExitCode;
+
+/// Parses the arguments and does what they say.
+pub fn run() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            // clap prints help and version to standard output, usage errors to standard error.
+            let _ = error.print();
+            return ExitCode::from(if error.use_stderr() { 2 } else { 0 });
+        }
+    };
+    let (console, result) = match (&cli.command, &cli.animate) {
+        (Some(Command::Inspect(inspect)), _) => {
+            let console = Console::new(Level::Normal);
+            let result = inspect::run(inspect, &console);
+            (console, result)
+        }
+        (None, Some(animate)) => {
+            let level = match (animate.quiet, animate.verbose) {
+                (true, _) => Level::Quiet,
+                (_, true) => Level::Verbose,
+                _ => Level::Normal,
+            };
+            let console = Console::new(level);
+            let result = animate::run(animate, &console);
+            (console, result)
+        }
+        (None, None) => return ExitCode::from(2),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            console.error(&error);
+            ExitCode::from(error.exit_code())
+        }
+    }
+}

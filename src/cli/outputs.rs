@@ -1,0 +1,84 @@
+//! From the paths after `-o` to sinks, and what is refused before any work begins.
+
+use super::args::Animate;
+use crate::error::{Error, Kind, Result};
+use crate::export::{FrameSink, files, glb::GlbSink, obj::ObjFrames, pc2::Pc2, ply::PlyFrames};
+use std::path::{Path, PathBuf};
+
+const FORMATS: &str = "one of .glb, .pc2, or .ply or .obj with a run of # for the frame number, as in 'frames/f_####.ply'";
+
+/// The sinks of all outputs.
+///
+/// # Errors
+/// [`Kind::Usage`] for an unknown format, an output given twice, or one that would replace an input; [`Kind::Unwritable`] for one that
+/// exists (without `--force`) or whose folder is missing.
+pub(super) fn sinks(args: &Animate) -> Result<Vec<Box<dyn FrameSink>>> {
+    let inputs: Vec<&PathBuf> =
+        [Some(&args.scan), Some(&args.capture), args.ref_file.as_ref(), args.proxy.as_ref()].into_iter().flatten().collect();
+    let mut seen: Vec<PathBuf> = Vec::new();
+    let mut sinks = Vec::new();
+    for path in args.out.iter().chain(&args.report) {
+        let whole = absolute(path);
+        if seen.contains(&whole) {
+            return Err(Error::new(Kind::Usage, "this output is named twice")
+                .file(path)
+                .expected("every output to have a path of its own"));
+        }
+        if inputs.iter().any(|i| absolute(i) == whole) {
+            return Err(Error::new(Kind::Usage, "this output would replace an input").file(path).expected("another path"));
+        }
+        seen.push(whole);
+        if args.report.as_ref() != Some(path) {
+            sinks.push(sink(path)?);
+        }
+        if !args.force && files::exists(path) {
+            return Err(Error::new(Kind::Unwritable, "exists already")
+                .file(path)
+                .expected("a path where nothing is")
+                .hint("--force replaces it"));
+        }
+        let sequence = is_sequence(path);
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        if !sequence && !folder.is_dir() {
+            return Err(Error::new(Kind::Unwritable, format!("there is no folder '{}'", folder.display()))
+                .file(path)
+                .expected("an existing folder")
+                .hint(format!("mkdir -p '{}'", folder.display())));
+        }
+        files::check_writable(path)?;
+    }
+    Ok(sinks)
+}
+
+fn is_sequence(path: &Path) -> bool {
+    path.file_name().is_some_and(|n| n.to_string_lossy().contains('#'))
+}
+
+fn sink(path: &Path) -> Result<Box<dyn FrameSink>> {
+    let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    match (extension.as_str(), is_sequence(path)) {
+        ("glb", false) => Ok(Box::new(GlbSink::new(path))),
+        ("pc2", false) => Ok(Box::new(Pc2::new(path))),
+        ("ply", true) => Ok(Box::new(PlyFrames::new(path))),
+        ("obj", true) => Ok(Box::new(ObjFrames::new(path))),
+        ("ply" | "obj", false) => {
+            let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+            let pattern = path.with_file_name(format!("{stem}_####.{extension}"));
+            Err(Error::new(Kind::Usage, format!("one .{extension} file holds one frame"))
+                .file(path)
+                .expected("a run of # for the frame number")
+                .hint(format!("-o '{}'", pattern.display())))
+        }
+        ("glb" | "pc2", true) => Err(Error::new(Kind::Usage, format!("a .{extension} file holds the whole take"))
+            .file(path)
+            .expected("a name without #")),
+        _ => Err(Error::new(Kind::Usage, format!("unknown output format '.{extension}'")).file(path).expected(FORMATS)),
+    }
+}
+
+/// The path from the root, with links of its folder resolved where it exists.
+fn absolute(path: &Path) -> PathBuf {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = folder.canonicalize().or_else(|_| std::path::absolute(folder)).unwrap_or_else(|_| folder.to_owned());
+    folder.join(path.file_name().unwrap_or_default())
+}

@@ -1,0 +1,77 @@
+//! Numbers, lengths and times as a person reads them.
+
+/// `214878` → `214,878`.
+pub(super) fn count(n: usize) -> String {
+    let digits = n.to_string();
+    let mut out = String::with_capacity(digits.len() + digits.len() / 3);
+    for (i, c) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            out.push(',');
+        }
+        out.push(c);
+    }
+    out
+}
+
+/// `plural(1, "marker")` → `1 marker`, `plural(3, "marker")` → `3 markers`.
+pub(super) fn plural(n: usize, noun: &str) -> String {
+    let tail = if n == 1 {
+        ""
+    } else if noun.ends_with('x') {
+        "es"
+    } else {
+        "s"
+    };
+    let stem = if n != 1 && noun.ends_with("vertex") { noun.trim_end_matches("ex").to_owned() + "ic" } else { noun.to_owned() };
+    format!("{} {stem}{tail}", count(n))
+}
+
+/// Three significant digits, no exponent: `0.412`, `9.06`, `123`.
+pub(super) fn digits(x: f64) -> String {
+    let magnitude = if x == 0.0 { 0 } else { x.abs().log10().floor() as i32 };
+    let decimals = (2 - magnitude).clamp(0, 6) as usize;
+    let text = format!("{x:.decimals$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+/// A length in metres, in the unit that a person would say: `0.4 mm`, `31 mm`, `1.78 m`.
+pub(super) fn length(metres: f64) -> String {
+    if metres.abs() < 1.0 { format!("{} mm", digits(metres * 1000.0)) } else { format!("{metres:.2} m") }
+}
+
+/// A duration: `4.9 s`, `2 min 05 s`.
+pub(super) fn seconds(s: f64) -> String {
+    if s < 60.0 { format!("{s:.1} s") } else { format!("{} min {:02.0} s", (s / 60.0).floor(), s % 60.0) }
+}
+
+/// A size in bytes: `11 MB`, `512 kB`.
+pub(super) fn bytes(n: u64) -> String {
+    match n {
+        0..1_000 => format!("{n} B"),
+        1_000..1_000_000 => format!("{} kB", digits(n as f64 / 1e3)),
+        1_000_000..1_000_000_000 => format!("{} MB", digits(n as f64 / 1e6)),
+        _ => format!("{} GB", digits(n as f64 / 1e9)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_read_well() {
+        assert_eq!(count(7), "7");
+        assert_eq!(count(214_878), "214,878");
+        assert_eq!(count(1_000_000), "1,000,000");
+        assert_eq!(plural(1, "vertex"), "1 vertex");
+        assert_eq!(plural(3512, "vertex"), "3,512 vertices");
+        assert_eq!(plural(2, "marker"), "2 markers");
+        assert_eq!(digits(0.4123), "0.412");
+        assert_eq!(digits(9.0), "9");
+        assert_eq!(digits(1234.5), "1234");
+        assert_eq!(length(0.0312), "31.2 mm");
+        assert_eq!(length(1.776), "1.78 m");
+        assert_eq!(seconds(125.0), "2 min 05 s");
+        assert_eq!(bytes(11_400_000), "11.4 MB");
+    }
+}

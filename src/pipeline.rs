@@ -1,0 +1,452 @@
+//! The stream: frames are solved in order while earlier ones are mapped and written.
+//!
+//! Stages pass batches of eight frames through bounded channels; the batches are reused, so memory does not grow with the take.
+
+use crate::binding::Binding;
+use crate::capture::MarkerTake;
+use crate::deform::{Deformer, Handle, Targets};
+use crate::error::{Error, Kind, Result};
+use crate::export::{FrameBatch, FrameSink, Header, Needs, Written};
+use crate::report::{FrameMeasure, ReportWriter, Residual, Spread};
+use crate::surface::NormalVertices;
+use glam::DVec3;
+use std::ops::Range;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::Instant;
+
+/// Frames per batch: the surface map reads its pairs once for all of them.
+pub const BATCH: usize = 8;
+
+/// Frames solved before the first one that is written, so that a frame hardly depends on where the range begins.
+pub const PRE_ROLL: usize = 8;
+
+/// Frames over which a returning marker regains its full pull.
+const FADE: f64 = 5.0;
+
+/// Everything that a run needs, set up.
+pub struct Job<'a> {
+    /// Shared with the sinks.
+    pub header: Arc<Header>,
+    /// The cleaned take.
+    pub take: &'a MarkerTake,
+    /// Frames to write, counted from 0.
+    pub range: Range<usize>,
+    /// Number of frame 0 in the capture's own numbering.
+    pub first_frame: i64,
+    /// How markers become targets.
+    pub binding: &'a Binding,
+    /// The handles, in the binding's order.
+    pub handles: &'a [Handle],
+    /// The bound deformer.
+    pub deformer: Box<dyn Deformer>,
+    /// Where frames go.
+    pub sinks: Vec<Box<dyn FrameSink>>,
+    /// The report, if asked for.
+    pub report: Option<ReportWriter>,
+    /// Length of the scan's unit in metres, if known.
+    pub metres: Option<f64>,
+    /// Whether stages overlap on threads of their own.
+    pub overlap: bool,
+}
+
+/// What a run amounted to.
+#[derive(Debug, Default)]
+pub struct Outcome {
+    /// The outputs, in the order of the sinks.
+    pub written: Vec<Written>,
+    /// The report, still to be finished.
+    pub report: Option<ReportWriter>,
+    /// Frames written.
+    pub frames: usize,
+    /// Distances of handles to targets over the take, in millimetres (the scan's unit where unknown).
+    pub residuals: Spread,
+    /// The worst of them: distance, handle, frame in the capture's own numbering.
+    pub worst: Option<(f64, usize, i64)>,
+    /// Least and largest volume ratio.
+    pub volume: (f64, f64),
+    /// Frames with a fold: many inverted tetrahedra or passes.
+    pub folds: Frames,
+    /// Frames that were not solved to the tolerance.
+    pub unsolved: Frames,
+    /// Frames without any marker, where the pose was held.
+    pub held: Frames,
+    /// Passes of the solver in all.
+    pub passes: u64,
+    /// Milliseconds per stage in all: solve, map, write.
+    pub stage_ms: [f64; 3],
+}
+
+/// A set of frames, kept as the first few ranges and a count.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Frames {
+    ranges: Vec<(i64, i64)>,
+    count: usize,
+}
+
+impl Frames {
+    const SHOWN: usize = 4;
+
+    fn add(&mut self, frame: i64) {
+        self.count += 1;
+        let room = self.ranges.len() <= Self::SHOWN;
+        match self.ranges.last_mut() {
+            Some(last) if last.1 + 1 == frame => last.1 = frame,
+            _ if room => self.ranges.push((frame, frame)),
+            _ => {}
+        }
+    }
+
+    /// How many frames.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+}
+
+impl std::fmt::Display for Frames {
+    /// `frames 12, 40..44 and others`.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(if self.count == 1 { "frame " } else { "frames " })?;
+        for (i, (a, b)) in self.ranges.iter().take(Self::SHOWN).enumerate() {
+            let comma = if i == 0 { "" } else { ", " };
+            if a == b { write!(f, "{comma}{a}")? } else { write!(f, "{comma}{a}..{b}")? }
+        }
+        if self.ranges.len() > Self::SHOWN { f.write_str(" and others") } else { Ok(()) }
+    }
+}
+
+/// One batch of frames on its way through the stages; the arrays are reused.
+#[derive(Default)]
+struct Batch {
+    first: usize,
+    measures: Vec<FrameMeasure>,
+    proxy: Vec<Vec<DVec3>>,
+    points: Vec<Vec<[f32; 3]>>,
+    normals: Vec<Vec<[f32; 3]>>,
+    map_ms: f64,
+}
+
+/// Runs all frames and completes all sinks. `progress` is called with the number of frames solved.
+///
+/// # Errors
+/// The first failure of any stage; nothing is left behind then. The report is returned unfinished, since it also tells of the outputs.
+pub fn run(mut job: Job<'_>, progress: &(dyn Fn(usize) + Sync)) -> Result<Outcome> {
+    let needs = job
+        .sinks
+        .iter()
+        .map(|s| s.needs())
+        .fold(Needs::default(), |a, b| Needs { points: a.points || b.points || b.normals, normals: a.normals || b.normals });
+    for sink in &mut job.sinks {
+        sink.begin(&job.header)?;
+    }
+    let mapper = Mapper { header: job.header.clone(), needs, normal_vertices: NormalVertices::of(&job.header.scan) };
+    let mut writer = Writer {
+        sinks: std::mem::take(&mut job.sinks),
+        report: job.report.take(),
+        names: job.handles.iter().map(|h| h.name.clone()).collect(),
+        map_ms: 0.0,
+        write_ms: 0.0,
+    };
+    let mut solver = Solver::new(job, progress);
+    if solver.job.overlap {
+        overlapped(&mut solver, &mapper, &mut writer)?
+    } else {
+        in_turn(&mut solver, &mapper, &mut writer)?
+    }
+    let mut outcome = solver.outcome;
+    outcome.stage_ms[1] = writer.map_ms;
+    outcome.stage_ms[2] = writer.write_ms;
+    outcome.report = writer.report;
+    for sink in writer.sinks {
+        outcome.written.push(sink.finish()?);
+    }
+    Ok(outcome)
+}
+
+/// All stages on this thread.
+fn in_turn(solver: &mut Solver<'_>, mapper: &Mapper, writer: &mut Writer) -> Result<()> {
+    let mut batch = Batch::default();
+    while solver.fill(&mut batch)? {
+        mapper.map(&mut batch);
+        writer.write(&batch)?;
+    }
+    Ok(())
+}
+
+/// Solve here, map and write on a thread each. Four batches circulate.
+fn overlapped(solver: &mut Solver<'_>, mapper: &Mapper, writer: &mut Writer) -> Result<()> {
+    let (to_map, from_solve): (SyncSender<Batch>, Receiver<Batch>) = sync_channel(1);
+    let (to_write, from_map) = sync_channel(1);
+    let (to_reuse, reusable) = sync_channel(4);
+    for _ in 0..4 {
+        let _ = to_reuse.send(Batch::default());
+    }
+    std::thread::scope(|scope| {
+        scope.spawn(move || {
+            for mut batch in from_solve {
+                mapper.map(&mut batch);
+                if to_write.send(batch).is_err() {
+                    return;
+                }
+            }
+        });
+        let writing = scope.spawn(move || -> Result<()> {
+            for batch in from_map {
+                writer.write(&batch)?;
+                let _ = to_reuse.send(batch);
+            }
+            Ok(())
+        });
+        // A receiver that hung up means that a later stage failed; its error is the one that tells.
+        let mut solve = || -> Result<()> {
+            while let Ok(mut batch) = reusable.recv() {
+                if !solver.fill(&mut batch)? || to_map.send(batch).is_err() {
+                    break;
+                }
+            }
+            Ok(())
+        };
+        let solved = solve();
+        drop(to_map);
+        let written = writing.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        written.and(solved)
+    })
+}
+
+/// First stage: markers → targets → proxy poses.
+struct Solver<'a> {
+    job: Job<'a>,
+    progress: &'a (dyn Fn(usize) + Sync),
+    next: usize,
+    targets: Targets,
+    present: Vec<bool>,
+    presence: Vec<f64>,
+    distances: Vec<f64>,
+    outcome: Outcome,
+}
+
+impl<'a> Solver<'a> {
+    fn new(job: Job<'a>, progress: &'a (dyn Fn(usize) + Sync)) -> Self {
+        let handles = job.handles.len();
+        Self {
+            next: job.range.start.saturating_sub(PRE_ROLL),
+            targets: Targets { positions: vec![DVec3::ZERO; handles], presence: vec![0.0; handles] },
+            present: vec![false; handles],
+            presence: Vec::with_capacity(handles),
+            distances: Vec::with_capacity(handles),
+            outcome: Outcome { volume: (f64::INFINITY, f64::NEG_INFINITY), ..Outcome::default() },
+            progress,
+            job,
+        }
+    }
+
+    /// Solves the next frames into `batch`; false when there is none left.
+    fn fill(&mut self, batch: &mut Batch) -> Result<bool> {
+        batch.measures.clear();
+        while batch.measures.len() < BATCH && self.next < self.job.range.end {
+            let frame = self.next;
+            let measure = self.solve(frame).map_err(|e| {
+                if e.place.is_none() && e.kind != Kind::Interrupted {
+                    e.at(format!("frame {}", self.job.first_frame + frame as i64))
+                } else {
+                    e
+                }
+            })?;
+            self.next += 1;
+            if frame < self.job.range.start {
+                continue;
+            }
+            let slot = batch.measures.len();
+            if slot == 0 {
+                batch.first = frame - self.job.range.start;
+            }
+            if batch.proxy.len() <= slot {
+                batch.proxy.push(Vec::new());
+            }
+            batch.proxy[slot].clear();
+            batch.proxy[slot].extend_from_slice(self.job.deformer.pose());
+            batch.measures.push(measure);
+            self.note(&measure);
+            (self.progress)(self.outcome.frames);
+        }
+        Ok(!batch.measures.is_empty())
+    }
+
+    fn solve(&mut self, frame: usize) -> Result<FrameMeasure> {
+        self.job.header.cancel.check()?;
+        let start = Instant::now();
+        let markers = self.job.take.markers();
+        let points = &self.job.take.points[frame * markers..(frame + 1) * markers];
+        self.job.binding.targets(points, &mut self.targets.positions, &mut self.present);
+        let cold = self.presence.is_empty();
+        self.fade();
+        let stats = if cold { self.job.deformer.start(&self.targets)? } else { self.job.deformer.step(&self.targets)? };
+        let solve_ms = start.elapsed().as_secs_f64() * 1e3;
+        let residual = self.residual();
+        Ok(FrameMeasure { frame: self.job.first_frame + frame as i64, stats, residual, solve_ms })
+    }
+
+    /// A marker that is missing lets go at once; one that returns regains its pull over a few frames.
+    fn fade(&mut self) {
+        if self.presence.is_empty() {
+            self.presence.extend(self.present.iter().map(|&p| f64::from(u8::from(p))));
+        } else {
+            for (held, &present) in self.presence.iter_mut().zip(&self.present) {
+                *held = if present { (*held + 1.0 / FADE).min(1.0) } else { 0.0 };
+            }
+        }
+        self.targets.presence.copy_from_slice(&self.presence);
+    }
+
+    fn residual(&mut self) -> Residual {
+        let millimetres = self.job.header.unit_box.diagonal * self.job.metres.map_or(1.0, |m| m * 1000.0);
+        let pose = self.job.deformer.pose();
+        self.distances.clear();
+        let mut residual = Residual::default();
+        for (h, handle) in self.job.handles.iter().enumerate() {
+            if self.targets.presence[h] > 0.0 {
+                let distance = handle.row.apply(pose).distance(self.targets.positions[h]) * millimetres;
+                if residual.worst.is_none() || distance > residual.max {
+                    residual.max = distance;
+                    residual.worst = Some(h);
+                }
+                self.distances.push(distance);
+            }
+        }
+        self.distances.sort_unstable_by(f64::total_cmp);
+        if let Some(&median) = self.distances.get(self.distances.len() / 2) {
+            residual.median = median;
+        }
+        residual
+    }
+
+    fn note(&mut self, m: &FrameMeasure) {
+        let out = &mut self.outcome;
+        out.frames += 1;
+        out.passes += u64::from(m.stats.passes);
+        out.stage_ms[0] += m.solve_ms;
+        out.volume = (out.volume.0.min(m.stats.volume_ratio), out.volume.1.max(m.stats.volume_ratio));
+        for &d in &self.distances {
+            out.residuals.add(d);
+        }
+        match m.residual.worst {
+            Some(h) if out.worst.is_none_or(|(d, ..)| m.residual.max > d) => out.worst = Some((m.residual.max, h, m.frame)),
+            Some(_) => {}
+            None => out.held.add(m.frame),
+        }
+        if m.stats.inverted > 10 {
+            out.folds.add(m.frame);
+        }
+        if !m.stats.converged {
+            out.unsolved.add(m.frame);
+        }
+    }
+}
+
+/// Second stage: proxy poses → scan vertices and normals.
+struct Mapper {
+    header: Arc<Header>,
+    needs: Needs,
+    normal_vertices: NormalVertices,
+}
+
+impl Mapper {
+    fn map(&self, batch: &mut Batch) {
+        let start = Instant::now();
+        let frames = batch.measures.len();
+        if self.needs.points {
+            batch.points.resize_with(frames, Vec::new);
+            let mut poses: [&[DVec3]; BATCH] = [&[]; BATCH];
+            for (slot, pose) in poses.iter_mut().zip(&batch.proxy) {
+                *slot = pose;
+            }
+            self.header.map.apply(&poses[..frames], &mut batch.points);
+        }
+        if self.needs.normals {
+            batch.normals.resize_with(frames, Vec::new);
+            for (points, normals) in batch.points.iter().zip(&mut batch.normals) {
+                self.normal_vertices.compute(&self.header.scan, points, normals);
+            }
+        }
+        batch.map_ms = start.elapsed().as_secs_f64() * 1e3;
+    }
+}
+
+/// Third stage: into the files.
+struct Writer {
+    sinks: Vec<Box<dyn FrameSink>>,
+    report: Option<ReportWriter>,
+    names: Vec<String>,
+    map_ms: f64,
+    write_ms: f64,
+}
+
+impl Writer {
+    fn write(&mut self, batch: &Batch) -> Result<()> {
+        let start = Instant::now();
+        let frames = batch.measures.len();
+        let out = FrameBatch {
+            first: batch.first,
+            proxy: &batch.proxy[..frames],
+            points: &batch.points[..frames.min(batch.points.len())],
+            normals: &batch.normals[..frames.min(batch.normals.len())],
+        };
+        for sink in &mut self.sinks {
+            sink.frames(&out)?;
+        }
+        let write_ms = start.elapsed().as_secs_f64() * 1e3;
+        self.map_ms += batch.map_ms;
+        self.write_ms += write_ms;
+        if let Some(report) = &mut self.report {
+            for measure in &batch.measures {
+                report.frame(measure, batch.map_ms / frames as f64, write_ms / frames as f64, &self.names)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Which frames of a take to run for `--frames A..B`.
+///
+/// # Errors
+/// [`Kind::Usage`] when the take has no such frame.
+pub fn select(first_frame: i64, frames: usize, wanted: Option<(i64, i64)>) -> Result<Range<usize>> {
+    let last = first_frame + frames as i64 - 1;
+    let Some((a, b)) = wanted else { return Ok(0..frames) };
+    if b < first_frame || a > last {
+        return Err(Error::new(Kind::Usage, format!("--frames {a}..{b}: the take has no such frame"))
+            .expected(format!("a range within {first_frame}..{last}"))
+            .hint(format!("--frames {}..{}", a.clamp(first_frame, last), b.clamp(first_frame, last))));
+    }
+    Ok((a.max(first_frame) - first_frame) as usize..(b.min(last) - first_frame + 1) as usize)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_told_as_ranges() {
+        let mut frames = Frames::default();
+        for f in [3, 4, 5, 9] {
+            frames.add(f);
+        }
+        assert_eq!(frames.to_string(), "frames 3..5, 9");
+        for f in [20, 30, 40, 50, 60] {
+            frames.add(f);
+        }
+        assert_eq!(frames.to_string(), "frames 3..5, 9, 20, 30 and others");
+        assert_eq!(frames.count(), 9);
+    }
+
+    #[test]
+    fn a_range_is_cut_to_the_take_and_refused_outside_it() {
+        assert_eq!(select(143, 320, None).unwrap(), 0..320);
+        assert_eq!(select(143, 320, Some((150, 160))).unwrap(), 7..18);
+        assert_eq!(select(143, 320, Some((1, 10_000))).unwrap(), 0..320);
+        let error = select(143, 320, Some((1, 100))).unwrap_err();
+        assert_eq!(error.kind, Kind::Usage);
+        assert!(error.to_string().contains("143..462"), "{error}");
+    }
+}

@@ -1,0 +1,201 @@
+//! Measures of a run, and the report file, which is written as frames finish.
+
+use crate::deform::FrameStats;
+use crate::error::Result;
+use crate::export::Written;
+use crate::export::files::Pending;
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Version of the layout of the report file; `docs/report.schema.json` describes it.
+pub const VERSION: u32 = 1;
+
+/// How far the handles of one frame stayed from their targets, in millimetres (in the scan's unit where that is unknown).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Residual {
+    /// Median over the handles present.
+    pub median: f64,
+    /// The largest.
+    pub max: f64,
+    /// The handle of the largest; `None` if none was present.
+    pub worst: Option<usize>,
+}
+
+/// Everything measured about one frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FrameMeasure {
+    /// Frame in the capture's own numbering.
+    pub frame: i64,
+    /// The solver's measures.
+    pub stats: FrameStats,
+    /// Distance of handles to targets.
+    pub residual: Residual,
+    /// Milliseconds of the solve.
+    pub solve_ms: f64,
+}
+
+/// A histogram with bins of 1 %, for medians over a take of any length in constant memory.
+#[derive(Clone, Debug)]
+pub struct Spread {
+    bins: Vec<u64>,
+    total: u64,
+}
+
+impl Default for Spread {
+    fn default() -> Self {
+        Self { bins: vec![0; 3000], total: 0 }
+    }
+}
+
+impl Spread {
+    const LOWEST: f64 = 1e-6;
+    const RATIO: f64 = 1.01;
+
+    /// Adds a value; values below 1e-6 count as 1e-6.
+    pub fn add(&mut self, value: f64) {
+        let bin = (value.max(Self::LOWEST) / Self::LOWEST).ln() / Self::RATIO.ln();
+        let last = self.bins.len() - 1;
+        self.bins[(bin as usize).min(last)] += 1;
+        self.total += 1;
+    }
+
+    /// The value below which the share `q` of all values lies, within 1 %; 0 when empty.
+    pub fn quantile(&self, q: f64) -> f64 {
+        let wanted = (q * self.total as f64).ceil().max(1.0) as u64;
+        let mut seen = 0;
+        for (bin, &n) in self.bins.iter().enumerate() {
+            seen += n;
+            if seen >= wanted && self.total > 0 {
+                return Self::LOWEST * Self::RATIO.powf(bin as f64 + 0.5);
+            }
+        }
+        0.0
+    }
+}
+
+/// Text kept back until it is worth a write.
+const BUFFER: usize = 1 << 16;
+
+/// Writes the report file beside its target and renames it at the end.
+#[derive(Debug)]
+pub struct ReportWriter {
+    file: Pending,
+    buffer: String,
+    frames: usize,
+}
+
+impl ReportWriter {
+    /// Opens the file and writes the head: inputs, decisions, set-up times.
+    ///
+    /// # Errors
+    /// [`crate::error::Kind::Unwritable`], here and in the other functions.
+    pub fn begin(target: &Path, head: &[(&str, Value)]) -> Result<Self> {
+        let mut buffer = format!("{{\n\"version\": {VERSION}");
+        for (key, value) in head {
+            buffer += &format!(",\n{}: {value}", json!(key));
+        }
+        buffer += ",\n\"frames\": [";
+        Ok(Self { file: Pending::create(target)?, buffer, frames: 0 })
+    }
+
+    /// Adds a frame. `names` are the names of the handles.
+    pub fn frame(&mut self, m: &FrameMeasure, map_ms: f64, write_ms: f64, names: &[String]) -> Result<()> {
+        let value = json!({
+            "frame": m.frame,
+            "iterations": m.stats.passes,
+            "ms": { "solve": rounded(m.solve_ms), "map": rounded(map_ms), "write": rounded(write_ms) },
+            "residual_mm": {
+                "median": rounded(m.residual.median),
+                "max": rounded(m.residual.max),
+                "worst": m.residual.worst.map(|h| names[h].as_str()),
+            },
+            "volume_ratio": rounded(m.stats.volume_ratio),
+            "inverted_tets": m.stats.inverted,
+            "converged": m.stats.converged,
+        });
+        let separator = if self.frames == 0 { "\n" } else { ",\n" };
+        self.frames += 1;
+        self.buffer += &format!("{separator}{value}");
+        if self.buffer.len() >= BUFFER {
+            self.file.write(self.buffer.as_bytes())?;
+            self.buffer.clear();
+        }
+        Ok(())
+    }
+
+    /// Writes outputs, warnings and memory, and puts the file in place.
+    pub fn finish(mut self, written: &[Written], metres: Option<f64>, warnings: &[String]) -> Result<()> {
+        let mm = metres.unwrap_or(0.001) * 1000.0;
+        let outputs: Vec<Value> = written
+            .iter()
+            .map(|w| {
+                json!({
+                    "path": w.path.display().to_string(),
+                    "bytes": w.bytes,
+                    "encoding": w.encoding,
+                    "max_error_mm": rounded(w.max_error * mm),
+                    "rms_error_mm": rounded(w.rms_error * mm),
+                    "worst_frame": w.worst_frame,
+                })
+            })
+            .collect();
+        self.buffer += &format!(
+            "\n],\n\"outputs\": {},\n\"warnings\": {},\n\"peak_mb\": {}\n}}\n",
+            json!(outputs),
+            json!(warnings),
+            json!(peak_megabytes())
+        );
+        self.file.write(self.buffer.as_bytes())?;
+        self.file.finish().map(drop)
+    }
+}
+
+/// Six significant digits: more is noise, and shorter lines.
+fn rounded(x: f64) -> Value {
+    if !x.is_finite() {
+        return Value::Null;
+    }
+    json!(format!("{x:.5e}").parse::<f64>().unwrap_or(x))
+}
+
+/// The largest memory that the process has held so far, in megabytes; `None` where the system does not tell.
+pub fn peak_megabytes() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
+    let kilobytes: f64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some((kilobytes * 1.024).round() / 1000.0)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_spread_knows_its_median_within_a_percent() {
+        let mut spread = Spread::default();
+        assert_eq!(spread.quantile(0.5), 0.0);
+        for i in 1..=999 {
+            spread.add(f64::from(i) * 0.01);
+        }
+        assert!((spread.quantile(0.5) / 5.0 - 1.0).abs() < 0.012, "{}", spread.quantile(0.5));
+        assert!((spread.quantile(1.0) / 9.99 - 1.0).abs() < 0.012);
+    }
+
+    #[test]
+    fn a_report_is_json_and_is_absent_until_it_is_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("report.json");
+        let mut report = ReportWriter::begin(&path, &[("inputs", json!({"scan": "a \"b\".obj"}))]).unwrap();
+        let m = FrameMeasure { frame: 143, residual: Residual { median: 0.4, max: 9.0, worst: Some(0) }, ..Default::default() };
+        report.frame(&m, 1.0, 2.0, &["RELB".into()]).unwrap();
+        report.frame(&m, 1.0, f64::NAN, &["RELB".into()]).unwrap();
+        assert!(!path.exists());
+        report.finish(&[Written { bytes: 7, ..Default::default() }], Some(0.001), &["careful".into()]).unwrap();
+        let value: Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+        assert_eq!(value["frames"].as_array().unwrap().len(), 2);
+        assert_eq!(value["frames"][0]["residual_mm"]["worst"], "RELB");
+        assert_eq!(value["outputs"][0]["bytes"], 7);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+}

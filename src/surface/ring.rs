@@ -1,0 +1,219 @@
+//! The map by faces: pairs (face, weight) per scan vertex, one affine map per face and pose.
+
+mod weights;
+
+use super::apply::{Indices, Pool, chunks, pack};
+use super::pieces::loose_pieces;
+use crate::linalg::SparseRow;
+use crate::proxy::Proxy;
+use crate::proxy::rows::{RingMaps, RowSum};
+use crate::scan::Faces;
+use glam::DVec3;
+use rayon::prelude::*;
+use weights::Foot;
+
+/// See [`super::SurfaceMap`].
+#[derive(Clone, Debug)]
+pub(super) struct RingMap {
+    maps: RingMaps,
+    boundary: Vec<[u32; 3]>,
+    proxy_vertices: usize,
+    points: Vec<[f32; 3]>,
+    pairs: Pairs,
+    poses: Pool<f64>,
+    affine: Pool<f32>,
+}
+
+/// Weights of faces: vertex `v` has the entries `starts[v]..starts[v + 1]`.
+#[derive(Clone, Debug)]
+struct Pairs {
+    starts: Vec<u32>,
+    faces: Indices,
+    weights: Vec<f32>,
+}
+
+impl RingMap {
+    pub(super) fn build(proxy: &Proxy, points: &[DVec3], faces: Option<&Faces>) -> Self {
+        let maps = RingMaps::new(proxy);
+        let mut feet = weights::feet(proxy, points);
+        if let Some(faces) = faces {
+            for piece in loose_pieces(points, faces, |v| feet[v].distance) {
+                let nearest = piece.iter().map(|&v| feet[v as usize]).fold(
+                    Foot { distance: f64::INFINITY, ..feet[piece[0] as usize] },
+                    |best, foot| {
+                        if foot.distance < best.distance { foot } else { best }
+                    },
+                );
+                piece.iter().for_each(|&v| feet[v as usize] = nearest);
+            }
+        }
+        Self {
+            pairs: weights::pairs(proxy, maps.centres(), &feet),
+            boundary: proxy.boundary.clone(),
+            proxy_vertices: proxy.rest.len(),
+            points: points.iter().map(|p| p.as_vec3().to_array()).collect(),
+            maps,
+            poses: Pool::default(),
+            affine: Pool::default(),
+        }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    pub(super) fn row(&self, vertex: usize) -> SparseRow {
+        let point = DVec3::from_array(self.points[vertex].map(f64::from));
+        let range = self.pairs.starts[vertex] as usize..self.pairs.starts[vertex + 1] as usize;
+        let total: f64 = self.pairs.weights[range.clone()].iter().map(|&w| f64::from(w)).sum();
+        let mut sum = RowSum::new(self.proxy_vertices);
+        for k in range {
+            let face = self.pairs.faces.get(k);
+            let weight = f64::from(self.pairs.weights[k]) / total;
+            self.boundary[face].iter().for_each(|&v| sum.add(v, weight / 3.0));
+            self.maps.along(face, (point - self.maps.centres()[face]) * weight).for_each(|(v, c)| sum.add(v, c));
+        }
+        sum.take()
+    }
+
+    /// `W` lanes for at most `W` frames.
+    pub(super) fn apply<const W: usize>(&self, poses: &[&[DVec3]], out: &mut [Vec<[f32; 3]>]) {
+        self.affine.with(self.maps.len() * 12 * W, |affine| {
+            let affine = affine.as_chunks_mut::<W>().0.as_chunks_mut::<12>().0;
+            let origins = self.poses.with(self.proxy_vertices * 3 * W, |packed| {
+                let packed = packed.as_chunks_mut::<W>().0.as_chunks_mut::<3>().0;
+                let origins = pack(poses, packed);
+                self.face_maps(packed, affine);
+                origins
+            });
+            match &self.pairs.faces {
+                Indices::Narrow(faces) => self.map_vertices(faces, affine, &origins, out),
+                Indices::Wide(faces) => self.map_vertices(faces, affine, &origins, out),
+            }
+        });
+    }
+
+    /// Affine map of each face: columns of A, then c′ − A c.
+    fn face_maps<const W: usize>(&self, packed: &[[[f64; W]; 3]], affine: &mut [[[f32; W]; 12]]) {
+        affine.par_chunks_mut(256).enumerate().for_each(|(chunk, affine)| {
+            #[cfg(target_arch = "x86_64")]
+            if super::apply::has_avx2() {
+                // SAFETY: the processor has AVX2.
+                unsafe { face_maps_avx2(self, packed, chunk * 256, affine) };
+                return;
+            }
+            face_maps(self, packed, chunk * 256, affine);
+        });
+    }
+
+    fn map_vertices<const W: usize, I: Copy + Into<u32> + Sync>(
+        &self,
+        faces: &[I],
+        affine: &[[[f32; W]; 12]],
+        origins: &[[f32; W]; 3],
+        out: &mut [Vec<[f32; 3]>],
+    ) {
+        chunks(out, &|first, out| {
+            let blend = Blend { map: self, faces, affine, origins };
+            #[cfg(target_arch = "x86_64")]
+            if super::apply::has_avx2() {
+                // SAFETY: the processor has AVX2.
+                unsafe { blend_avx2(&blend, first, out) };
+                return;
+            }
+            blend.vertices(first, out);
+        });
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn face_maps_avx2<const W: usize>(map: &RingMap, packed: &[[[f64; W]; 3]], first: usize, affine: &mut [[[f32; W]; 12]]) {
+    face_maps(map, packed, first, affine);
+}
+
+#[inline(always)]
+fn face_maps<const W: usize>(map: &RingMap, packed: &[[[f64; W]; 3]], first: usize, affine: &mut [[[f32; W]; 12]]) {
+    for (face, affine) in (first..).zip(affine) {
+        let (vertices, gradients) = map.maps.ring(face);
+        let corners = map.boundary[face].map(|v| &packed[v as usize]);
+        let centre = map.maps.centres()[face];
+        // The posed centre, from which the columns times the rest centre are taken off.
+        let mut shift = [[0.0f64; W]; 3];
+        for axis in 0..3 {
+            for lane in 0..W {
+                shift[axis][lane] = (corners[0][axis][lane] + corners[1][axis][lane] + corners[2][axis][lane]) / 3.0;
+            }
+        }
+        for column in 0..3 {
+            let mut sum = [[0.0f64; W]; 3];
+            for (&v, gradient) in vertices.iter().zip(gradients) {
+                let (p, g) = (&packed[v as usize], gradient[column]);
+                for axis in 0..3 {
+                    for lane in 0..W {
+                        sum[axis][lane] += p[axis][lane] * g;
+                    }
+                }
+            }
+            for axis in 0..3 {
+                for lane in 0..W {
+                    shift[axis][lane] -= sum[axis][lane] * centre[column];
+                    affine[3 * column + axis][lane] = sum[axis][lane] as f32;
+                }
+            }
+        }
+        for axis in 0..3 {
+            for lane in 0..W {
+                affine[9 + axis][lane] = shift[axis][lane] as f32;
+            }
+        }
+    }
+}
+
+/// The inner loop over pairs.
+struct Blend<'a, const W: usize, I> {
+    map: &'a RingMap,
+    faces: &'a [I],
+    affine: &'a [[[f32; W]; 12]],
+    origins: &'a [[f32; W]; 3],
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn blend_avx2<const W: usize, I: Copy + Into<u32>>(blend: &Blend<'_, W, I>, first: usize, out: &mut [&mut [[f32; 3]]; W]) {
+    blend.vertices(first, out);
+}
+
+impl<const W: usize, I: Copy + Into<u32>> Blend<'_, W, I> {
+    #[inline(always)]
+    fn vertices(&self, first: usize, out: &mut [&mut [[f32; 3]]; W]) {
+        let Pairs { starts, weights, .. } = &self.map.pairs;
+        let count = out[0].len();
+        for i in 0..count {
+            let range = starts[first + i] as usize..starts[first + i + 1] as usize;
+            let mut sum = [[0.0f32; W]; 12];
+            for (&face, &weight) in self.faces[range.clone()].iter().zip(&weights[range]) {
+                let face: u32 = face.into();
+                let affine = &self.affine[face as usize];
+                for k in 0..12 {
+                    for lane in 0..W {
+                        sum[k][lane] += weight * affine[k][lane];
+                    }
+                }
+            }
+            let [x, y, z] = self.map.points[first + i];
+            let mut mapped = [[0.0f32; W]; 3];
+            for axis in 0..3 {
+                for lane in 0..W {
+                    let turned = sum[axis][lane] * x + sum[3 + axis][lane] * y + sum[6 + axis][lane] * z;
+                    mapped[axis][lane] = turned + sum[9 + axis][lane] + self.origins[axis][lane];
+                }
+            }
+            for (lane, frame) in out.iter_mut().enumerate() {
+                if let Some(to) = frame.get_mut(i) {
+                    *to = [mapped[0][lane], mapped[1][lane], mapped[2][lane]];
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,213 @@
+//! The program from outside: what it says, what it writes, how it fails.
+
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{fixture, read_pc2, retarget, retarget_ok};
+use std::path::Path;
+
+fn said(output: &std::process::Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// The fixture scan and take.
+fn pair() -> [String; 2] {
+    [fixture("scan.obj"), fixture("walk.c3d")].map(|p| p.to_string_lossy().into_owned())
+}
+
+/// Arguments of a short run on the fixture.
+fn short(more: &[&str]) -> Vec<String> {
+    let mut out = pair().to_vec();
+    out.extend(["--frames", "1..12"].map(String::from));
+    out.extend(more.iter().map(|s| (*s).to_owned()));
+    out
+}
+
+#[test]
+fn every_station_says_what_it_decided() {
+    let work = tempfile::tempdir().unwrap();
+    let text = retarget_ok(work.path(), short(&["-o", "a.pc2"]));
+    for station in ["scan", "capture", "bind", "proxy", "solve", "write", "done"] {
+        assert!(text.lines().any(|l| l.starts_with(station)), "no line for {station}:\n{text}");
+    }
+    assert!(text.contains("41 of 41 markers bound"), "{text}");
+    assert!(!text.contains('\u{1b}'), "escape codes in a pipe:\n{text}");
+    let quiet = retarget_ok(work.path(), short(&["-o", "b.pc2", "--quiet"]));
+    assert_eq!(quiet, "");
+}
+
+#[test]
+fn all_formats_come_from_one_solve_and_agree() {
+    let work = tempfile::tempdir().unwrap();
+    let outputs = ["-o", "a.pc2", "-o", "ply/f_####.ply", "-o", "obj/f_##.obj", "-o", "a.glb", "--report", "r.json"];
+    retarget_ok(work.path(), short(&outputs));
+    let cache = read_pc2(&work.path().join("a.pc2"));
+    assert_eq!(cache.len(), 12);
+    let source = retarget::scan::read(&fixture("scan.obj")).unwrap();
+    for (frame, points) in cache.iter().enumerate() {
+        let ply = retarget::scan::read(&work.path().join(format!("ply/f_{:04}.ply", frame + 1))).unwrap();
+        let obj = retarget::scan::read(&work.path().join(format!("obj/f_{:02}.obj", frame + 1))).unwrap();
+        assert_eq!(ply.mesh.faces, source.mesh.faces);
+        assert_eq!(obj.mesh.faces, source.mesh.faces);
+        assert_eq!(obj.look.uvs.len(), source.look.uvs.len());
+        for ((c, p), o) in points.iter().zip(&ply.mesh.positions).zip(&obj.mesh.positions) {
+            assert_eq!(*c, p.to_array().map(|x| x as f32), "PC2 and PLY differ in frame {frame}");
+            assert!(p.distance(*o) < 1e-6, "PLY and OBJ differ in frame {frame}: {p} {o}");
+        }
+    }
+    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(work.path().join("r.json")).unwrap()).unwrap();
+    assert_eq!(report["frames"].as_array().unwrap().len(), 12);
+    assert_eq!(report["outputs"].as_array().unwrap().len(), 4);
+    assert!(report["decisions"].is_object() && report["setup_ms"].is_object());
+}
+
+#[test]
+fn one_and_two_threads_write_the_same_bytes() {
+    let work = tempfile::tempdir().unwrap();
+    let outputs = |n: &str| {
+        let arguments = [
+            "-o",
+            &format!("{n}.glb"),
+            "-o",
+            &format!("{n}.pc2"),
+            "-o",
+            &format!("{n}/f_####.ply"),
+            "-o",
+            &format!("{n}/g_####.obj"),
+        ]
+        .map(String::from);
+        let mut all = short(&["--threads", n, "--report", &format!("{n}.json")]);
+        all.extend(arguments);
+        retarget_ok(work.path(), all);
+    };
+    outputs("1");
+    outputs("2");
+    let bytes = |name: String| std::fs::read(work.path().join(name)).unwrap();
+    for ending in [".glb", ".pc2", "/f_0007.ply", "/g_0012.obj"] {
+        assert!(bytes(format!("1{ending}")) == bytes(format!("2{ending}")), "{ending} depends on the number of threads");
+    }
+    let report = |name: &str| {
+        let mut value: serde_json::Value = serde_json::from_slice(&bytes(name.to_owned())).unwrap();
+        let top = value.as_object_mut().unwrap();
+        for key in ["setup_ms", "peak_mb", "outputs", "inputs"] {
+            top.remove(key);
+        }
+        for frame in top["frames"].as_array_mut().unwrap() {
+            frame.as_object_mut().unwrap().remove("ms");
+        }
+        value
+    };
+    assert_eq!(report("1.json"), report("2.json"));
+}
+
+#[test]
+fn wrong_arguments_exit_with_2_and_say_what_was_expected() {
+    let work = tempfile::tempdir().unwrap();
+    let [scan, take] = pair();
+    let cases: [(&[&str], &str); 8] = [
+        (&[&scan, &take], "--out"),
+        (&[&scan, &take, "-o", "a.fbx"], ".glb"),
+        (&[&scan, &take, "-o", "a.ply"], "a_####.ply"),
+        (&[&scan, &take, "-o", "a_###.glb"], "without #"),
+        (&[&scan, &take, "-o", "a.glb", "-o", "./a.glb"], "twice"),
+        (&[&scan, &take, "-o", "a.glb", "--frames", "9..2"], "ends (2)"),
+        (&[&scan, &take, "-o", "a.glb", "--frames", "9000..9001"], "1..372"),
+        (&[&scan, &take, "-o", "a.glb", "--quallity", "draft"], "--quality"),
+    ];
+    for (arguments, word) in cases {
+        let output = retarget(work.path(), arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", said(&output));
+        assert!(said(&output).contains(word), "{arguments:?}: {}", said(&output));
+    }
+    assert_eq!(std::fs::read_dir(work.path()).unwrap().count(), 0, "nothing may be written");
+}
+
+#[test]
+fn files_that_cannot_be_read_are_named_with_what_was_expected() {
+    let work = tempfile::tempdir().unwrap();
+    let [scan, take] = pair();
+    std::fs::write(work.path().join("empty.obj"), "").unwrap();
+    std::fs::write(work.path().join("points.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\n").unwrap();
+    std::fs::write(work.path().join("text.c3d"), "this is not a capture").unwrap();
+    std::fs::write(work.path().join("take.bvh"), "HIERARCHY\nROOT Hips\n").unwrap();
+    let whole = std::fs::read(&take).unwrap();
+    std::fs::write(work.path().join("head.c3d"), &whole[..700]).unwrap();
+    for (scan, take, word) in [
+        ("missing.obj", take.as_str(), "missing.obj"),
+        ("empty.obj", &take, "empty.obj"),
+        ("points.obj", &take, "points.obj"),
+        (scan.as_str(), "missing.c3d", "missing.c3d"),
+        (&scan, "text.c3d", "text.c3d"),
+        (&scan, "head.c3d", "head.c3d"),
+        (&scan, "take.bvh", "skeleton"),
+    ] {
+        let output = retarget(work.path(), [scan, take, "-o", "out.glb"]);
+        assert_eq!(output.status.code(), Some(1), "{scan} {take}: {}", said(&output));
+        assert!(said(&output).starts_with("error"), "{}", said(&output));
+        assert!(said(&output).contains(word), "{scan} {take}: {}", said(&output));
+    }
+    assert!(!work.path().join("out.glb").exists());
+}
+
+#[test]
+fn an_output_is_replaced_only_when_told_to() {
+    let work = tempfile::tempdir().unwrap();
+    std::fs::write(work.path().join("a.pc2"), "precious").unwrap();
+    let output = retarget(work.path(), short(&["-o", "a.pc2"]));
+    assert_eq!(output.status.code(), Some(1));
+    assert!(said(&output).contains("--force"), "{}", said(&output));
+    assert_eq!(std::fs::read(work.path().join("a.pc2")).unwrap(), b"precious");
+    retarget_ok(work.path(), short(&["-o", "a.pc2", "--force"]));
+    assert_eq!(read_pc2(&work.path().join("a.pc2")).len(), 12);
+    let output = retarget(work.path(), short(&["-o", "nowhere/a.pc2"]));
+    assert_eq!(output.status.code(), Some(1));
+    assert!(said(&output).contains("nowhere"), "{}", said(&output));
+}
+
+#[test]
+fn a_scan_that_is_no_person_is_refused_with_the_option_that_decides() {
+    let work = tempfile::tempdir().unwrap();
+    let mut cube = String::new();
+    for i in 0..8 {
+        cube += &format!("v {} {} {}\n", i & 1, i >> 1 & 1, i >> 2);
+    }
+    cube += "f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n";
+    std::fs::write(work.path().join("cube.obj"), cube).unwrap();
+    let output = retarget(work.path(), ["cube.obj", &pair()[1], "-o", "out.glb"]);
+    assert_eq!(output.status.code(), Some(3), "{}", said(&output));
+    assert!(said(&output).contains("--align"), "{}", said(&output));
+    assert!(!work.path().join("out.glb").exists());
+}
+
+#[test]
+fn frames_keep_the_numbers_of_the_capture_and_hardly_depend_on_where_the_range_begins() {
+    let work = tempfile::tempdir().unwrap();
+    let [scan, take] = pair();
+    retarget_ok(work.path(), [&scan, &take, "--frames", "1..60", "-o", "all.pc2"]);
+    retarget_ok(work.path(), [&scan, &take, "--frames", "41..44", "-o", "some.pc2", "-o", "f_####.ply"]);
+    assert!(work.path().join("f_0041.ply").exists() && !work.path().join("f_0045.ply").exists());
+    let (all, some) = (read_pc2(&work.path().join("all.pc2")), read_pc2(&work.path().join("some.pc2")));
+    let mut worst = 0.0f32;
+    for (a, b) in all[40..44].iter().zip(&some) {
+        for (p, q) in a.iter().zip(b) {
+            worst = worst.max((0..3).map(|c| (p[c] - q[c]).abs()).fold(0.0, f32::max));
+        }
+    }
+    assert!(worst < 0.001, "{worst} m apart");
+}
+
+#[test]
+fn inspect_tells_what_is_in_files() {
+    let work = tempfile::tempdir().unwrap();
+    let output =
+        retarget(work.path(), [Path::new("inspect"), &fixture("scan.obj"), &fixture("walk.c3d"), &fixture("scan_dirty.ply")]);
+    assert!(output.status.success(), "{}", said(&output));
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains("41 markers") && text.contains("372 frames") && text.contains("4 materials"), "{text}");
+    let output = retarget(work.path(), [Path::new("inspect"), Path::new("--json"), &fixture("scan.obj"), &fixture("walk.c3d")]);
+    let lines: Vec<serde_json::Value> =
+        String::from_utf8(output.stdout).unwrap().lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    assert_eq!(lines.len(), 2);
+    assert_eq!(lines[1]["markers"].as_array().unwrap().len(), 41);
+}
