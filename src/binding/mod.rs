@@ -1,3 +1,180 @@
 //! (Scan, Proxy, Capture) → Binding: space, landmarks, labels, placement, handles.
 
+mod actor;
+mod bind;
+mod clusters;
+mod decisions;
+mod fit;
+mod labels;
 pub mod landmarks;
+mod places;
+mod raw;
+mod reference;
+mod segments;
+mod similarity;
+mod track;
+
+pub use bind::bind;
+pub use decisions::Decisions;
+pub use segments::Segment;
+pub use similarity::Similarity;
+
+use crate::error::{Error, Notes, Result};
+use crate::scan::UnitBox;
+use crate::space::{Axis, Space, Unit};
+use crate::spatial::TriangleTree;
+use glam::DVec3;
+
+/// How the capture is brought onto the scan.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Align {
+    /// The plainest of the others that the data allow.
+    #[default]
+    Auto,
+    /// The capture is in the scan's space already; only the unit is converted.
+    None,
+    /// One scale, turn and shift for the take; markers are attached where they lie in the reference frame.
+    Similarity,
+    /// The same for the targets; attachment points are found through the pose of the actor in the reference frame.
+    Pose,
+}
+
+impl std::fmt::Display for Align {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Align::Auto => "auto",
+            Align::None => "none",
+            Align::Similarity => "similarity",
+            Align::Pose => "pose",
+        })
+    }
+}
+
+/// The frame in which the actor stands most like the scan.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Reference {
+    /// Searched for.
+    #[default]
+    Auto,
+    /// This frame, in the capture's own numbering.
+    Frame(i64),
+}
+
+/// What the user decides about the binding; the default decides everything from the data.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Options {
+    /// How the capture is brought onto the scan.
+    pub align: Align,
+    /// Turn of the capture about the scan's up axis in degrees, counter-clockwise from above.
+    pub yaw: Option<f64>,
+    /// Whether the scan faces the other way than its shape suggests.
+    pub flip: bool,
+    /// Size of the scan against the actor, units converted.
+    pub scale: Option<f64>,
+    /// The reference frame, of the reference capture where there is one.
+    pub reference: Reference,
+    /// Refusals for doubtful input become warnings.
+    pub accept_doubtful: bool,
+    /// Whether the capture's axes are mirrored.
+    pub mirror: bool,
+    /// Whether left and right are exchanged in the labels.
+    pub swap_sides: bool,
+    /// Unit of the scan.
+    pub scan_unit: Option<Unit>,
+    /// Up axis of the scan.
+    pub scan_up: Option<Axis>,
+    /// Unit of the capture.
+    pub capture_unit: Option<Unit>,
+    /// Up axis of the capture.
+    pub capture_up: Option<Axis>,
+}
+
+/// What the binding needs to know of a scan.
+#[derive(Clone, Copy, Debug)]
+pub struct ScanShape<'a> {
+    /// Its triangles, in the unit box.
+    pub tree: &'a TriangleTree,
+    /// From its own space into the unit box.
+    pub unit_box: UnitBox,
+    /// What its file says of unit and axes.
+    pub space: &'a Space,
+}
+
+/// A marker that pulls the scan.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoundMarker {
+    /// Its label.
+    pub label: String,
+    /// Its index in the take.
+    pub marker: usize,
+    /// Where it sits on, in or outside the scan at rest, in the unit box.
+    pub attachment: DVec3,
+    /// The segment that it moves with; `None` in captures that are bound as they are.
+    pub segment: Option<Segment>,
+    /// Hardness for the deformer: 1, or 0.1 for a doubtful marker.
+    pub beta: f64,
+}
+
+/// A segment of the scan at rest, for rigid groups, stiffness and names.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SegmentPlace {
+    /// Which it is.
+    pub segment: Segment,
+    /// Its proximal joint, in the unit box.
+    pub from: DVec3,
+    /// Its distal joint or tip.
+    pub to: DVec3,
+}
+
+/// A capture on a scan.
+#[derive(Clone, Debug)]
+pub struct Binding {
+    /// From the capture's space into the unit box.
+    pub placement: Similarity,
+    /// The markers that pull, in the order of the take.
+    pub handles: Vec<BoundMarker>,
+    /// The markers that do not, with the reason.
+    pub unbound: Vec<(String, String)>,
+    /// Parts of the body; empty where no body was needed.
+    pub segments: Vec<SegmentPlace>,
+    /// All decisions, with their words.
+    pub decisions: Decisions,
+    /// What was doubtful.
+    pub notes: Notes,
+}
+
+impl Binding {
+    /// Targets of all handles in one frame of the take.
+    ///
+    /// Shapes: `frame`: one point per marker of the take, missing ones NaN; `positions`, `present`: one entry per handle, overwritten; the
+    /// position of a missing marker is left as it was.
+    pub fn targets(&self, frame: &[[f32; 3]], positions: &mut Vec<DVec3>, present: &mut Vec<bool>) {
+        positions.resize(self.handles.len(), DVec3::ZERO);
+        present.resize(self.handles.len(), false);
+        for ((handle, position), present) in self.handles.iter().zip(positions).zip(present) {
+            let p = frame[handle.marker];
+            *present = !p[0].is_nan();
+            if *present {
+                *position = self.placement.apply(DVec3::new(p[0].into(), p[1].into(), p[2].into()));
+            }
+        }
+    }
+
+    /// Named places of the body, in the unit box: the middle of each segment.
+    pub fn places(&self) -> impl Iterator<Item = (&'static str, DVec3)> {
+        self.segments.iter().map(|s| (s.segment.name(), s.from.lerp(s.to, 0.5)))
+    }
+}
+
+/// Refuses, or warns where the user accepts doubtful input.
+fn refuse(error: Error, options: &Options, notes: &mut Notes) -> Result<()> {
+    if options.accept_doubtful {
+        notes.warn(format!("{} (accepted as it is)", error.found));
+        return Ok(());
+    }
+    let hint = match &error.hint {
+        Some(hint) => format!("{hint}, or --accept-doubtful"),
+        None => "--accept-doubtful".to_owned(),
+    };
+    Err(error.hint(hint))
+}

@@ -35,6 +35,8 @@ pub struct FrameStats {
     pub step: f64,
     /// Whether the tolerance was reached before the cap (always true with a fixed count of iterations).
     pub converged: bool,
+    /// Whether the pose had become worthless (not finite) and was found again from the aligned rest pose.
+    pub recovered: bool,
     /// The energy of the pose.
     pub energy: f64,
     /// Tetrahedra turned inside out.

@@ -8,6 +8,16 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+pub mod encode;
+pub mod files;
+pub mod glb;
+pub mod obj;
+pub mod pc2;
+pub mod ply;
+
+#[cfg(test)]
+mod round_trips;
+
 /// A request to stop, shared by all stages.
 #[derive(Clone, Debug, Default)]
 pub struct Cancel(Arc<AtomicBool>);

@@ -1,5 +1,19 @@
 //! Sparse rows, the Cholesky factor, rotations. Imports nobody.
 
+mod cholesky;
+mod dense;
+mod dissection;
+pub(crate) mod lanes;
+pub(crate) mod rotation;
+mod symmetric;
+
+pub use cholesky::{Cholesky, NotPositive};
+pub use dense::DenseCholesky;
+pub use dissection::{Adjacency, nested_dissection};
+pub use lanes::Lanes;
+pub use rotation::nearest_rotation;
+pub use symmetric::SymmetricMatrix;
+
 /// A sparse linear functional over proxy vertices: `Σ values[i] · p[indices[i]]`. Indices ascend and are unique.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SparseRow {

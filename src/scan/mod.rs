@@ -1,9 +1,69 @@
 //! Mesh files → [`Scan`]. One file per format; everything that the file says is kept in the file's own order, unit and axes.
 
-use crate::error::Notes;
+mod mtl;
+mod obj;
+mod ply;
+mod remarks;
+mod source;
+mod stl;
+mod text;
+mod triangulate;
+mod weld;
+
+#[cfg(test)]
+mod broken_files;
+#[cfg(test)]
+mod corpus;
+#[cfg(test)]
+mod mutants;
+
+use crate::error::{Error, Kind, Notes, Result};
 use crate::space::Space;
 use glam::DVec3;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+pub(crate) use mtl::{folder_of, locate};
+pub(crate) use remarks::statements;
+pub use triangulate::Triangles;
+
+/// Reads a mesh file: OBJ with its material libraries, PLY, or STL, each also packed by gzip. The content decides, then the extension.
+///
+/// Errors name the file and the place in it: it cannot be read, breaks its format, or has no faces. What is merely doubtful is in
+/// [`Scan::notes`].
+pub fn read(path: &Path) -> Result<Scan> {
+    let bytes = source::load(path)?;
+    let mut scan = match source::format(path, &bytes)? {
+        source::Format::Obj => obj::read(&bytes, path)?,
+        source::Format::Ply => ply::read(&bytes, path)?,
+        source::Format::Stl => stl::read(&bytes, path)?,
+    };
+    scan.source = path.to_owned();
+    Ok(scan)
+}
+
+/// The error for a file without faces; `others`: what it holds instead.
+fn nothing_to_animate(vertices: usize, others: &[(usize, &str)]) -> Error {
+    let others = others.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!(", {count} {what}"));
+    let found = format!("nothing to animate: {vertices} vertices, no faces{}", others.collect::<String>());
+    Error::new(Kind::Unsupported, found)
+        .expected("a surface: faces over the vertices")
+        .hint("reconstruct a surface from the points first")
+}
+
+/// Brings colours into 0 to 1; returns a note if the file counts them to 255.
+fn settle_colors(look: &mut Appearance) -> Option<String> {
+    let largest = look.colors.iter().flat_map(|c| &c[..3]).fold(0.0f32, |m, &x| m.max(x));
+    let scale = if largest > 1.0 { 255.0 } else { 1.0 };
+    for channel in look.colors.iter_mut().flatten() {
+        *channel = if channel.is_finite() { *channel } else { 1.0 };
+    }
+    for color in &mut look.colors {
+        // White by default, so an alpha up to 1 is no 255th.
+        let alpha_scale = if color[3] > 1.0 { 255.0 } else { 1.0 };
+        *color = [color[0] / scale, color[1] / scale, color[2] / scale, color[3] / alpha_scale].map(|x| x.clamp(0.0, 1.0));
+    }
+    (scale > 1.0).then(|| "vertex colours go above 1: taken as 0 to 255".to_owned())
+}
 
 /// Marks a corner without uv, a face without material, and the like.
 pub const NONE: u32 = u32::MAX;
@@ -107,7 +167,7 @@ pub struct Appearance {
 }
 
 /// An `o`/`g` section of an OBJ file.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Group {
     /// Name of the object, if any.
     pub object: Option<String>,

@@ -1,11 +1,13 @@
-//! Queries against triangles: closest point, ray, winding number. Imports nobody.
+//! Queries against triangles (closest point, ray, winding number) and against points. Imports nobody.
 
 mod build;
 mod closest;
+mod points;
 mod ray;
 mod winding;
 
 pub use closest::Closest;
+pub use points::{Neighbour, PointTree};
 pub use ray::Hit;
 
 use glam::DVec3;
@@ -58,4 +60,4 @@ impl TriangleTree {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -1,22 +1,22 @@
 #![allow(clippy::unwrap_used, clippy::print_stderr)]
 
-use super::TriangleTree;
 use super::winding::solid_angle;
+use super::{PointTree, TriangleTree};
 use glam::DVec3;
 use std::f64::consts::{PI, TAU};
 
 /// Splitmix: the same numbers on every machine.
-struct Dice(u64);
+pub(crate) struct Dice(pub(crate) u64);
 
 impl Dice {
-    fn unit(&mut self) -> f64 {
+    pub(crate) fn unit(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
         ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    fn point(&mut self, size: f64) -> DVec3 {
+    pub(crate) fn point(&mut self, size: f64) -> DVec3 {
         DVec3::new(self.unit() - 0.5, self.unit() - 0.5, self.unit() - 0.5) * size
     }
 }
@@ -251,4 +251,31 @@ fn the_tree_does_not_depend_on_the_number_of_threads() {
         let query = dice.point(1.0);
         assert_eq!(one.winding(query).to_bits(), four.winding(query).to_bits());
     }
+}
+
+#[test]
+fn neighbours_are_those_of_a_search_through_all_points() {
+    let mut dice = Dice(6);
+    let mut points: Vec<DVec3> = (0..500).map(|_| dice.point(1.0)).collect();
+    // Doubles, and a plane full of equal coordinates.
+    points.extend_from_within(..50);
+    points.extend((0..200).map(|k| DVec3::new(0.1, 0.01 * f64::from(k % 20), 0.0)));
+    let tree = PointTree::new(&points);
+    let mut found = Vec::new();
+    for _ in 0..200 {
+        let query = dice.point(1.2);
+        let mut all: Vec<(f64, usize)> = points.iter().enumerate().map(|(k, p)| (p.distance(query), k)).collect();
+        all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        for count in [0, 1, 8, 1000] {
+            tree.nearest(query, count, &mut found);
+            let found: Vec<(f64, usize)> = found.iter().map(|n| (n.distance, n.point)).collect();
+            assert_eq!(found, all[..count.min(all.len())]);
+        }
+        tree.within(query, 0.3, &mut found);
+        let mut near: Vec<usize> = all.iter().filter(|a| a.0 <= 0.3).map(|a| a.1).collect();
+        near.sort_unstable();
+        assert_eq!(found.iter().map(|n| n.point).collect::<Vec<_>>(), near);
+    }
+    PointTree::new(&[]).nearest(DVec3::ZERO, 3, &mut found);
+    assert!(found.is_empty());
 }

@@ -1,1 +1,355 @@
-//! The volumetric deformer of Stoll et al. 2007.
+//! The volumetric deformer: tetrahedra that want to stay as they are, up to a rotation each, pulled by handles.
+//!
+//! It minimises, over positions p and one rotation per tetrahedron,
+//!
+//! ```text
+//! E(p, R) = Σ_j w_j |F_j(p) − R_j|²  +  Σ_h a_h |b_h p − c_h|²,     w_j = stiffness_j · volume_j
+//! ```
+//!
+//! Source: Stoll, de Aguiar, Theobalt, Seidel: *A volumetric approach to interactive shape editing*, MPI-I-2007-4-004. Their alternation of a linear
+//! solve and a rotation update is [`Options::iterations`]; two or three of them lag visibly behind the handles, so the default runs to the minimum: it
+//! predicts linearly, completes the linear step by a coarse level ([`coarse`]), accelerates ([`anderson`]) and never lets the energy rise.
+
+mod anderson;
+mod coarse;
+mod descent;
+mod elements;
+mod handles;
+#[cfg(test)]
+mod laws;
+#[cfg(test)]
+mod stored_poses;
+
+use super::{Deformer, FrameStats, Handle, Targets};
+use crate::error::{Error, Result};
+use crate::linalg::lanes::Lanes;
+use crate::linalg::rotation::{self, Quaternions};
+use crate::linalg::{Adjacency, Cholesky, SparseRow, SymmetricMatrix, nearest_rotation, nested_dissection};
+use crate::proxy::Proxy;
+use coarse::Coarse;
+use descent::{Memory, Settings};
+use elements::{Blocks, Element};
+use glam::{DMat3, DQuat, DVec3};
+use handles::{Presence, SoftHandles};
+
+/// How the deformer solves.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// A frame ends when no vertex moves farther in a step, in diagonals of the rest box. The pose is then within about twenty times that of the minimum.
+    pub tolerance: f64,
+    /// Exactly this many plain iterations per frame, warm, without prediction, coarse level and acceleration: the paper's way. `None`: to the tolerance.
+    pub iterations: Option<u32>,
+    /// Stiffness of each tetrahedron of the proxy, relative to the body; empty: 1 everywhere.
+    pub stiffness: Vec<f64>,
+    /// Slivers are as stiff as this many medians at most. `f64::INFINITY` leaves them as they are.
+    pub sliver_cap: f64,
+}
+
+impl Options {
+    /// Tolerance for a preview: errors below about half a thousandth of the body.
+    pub const DRAFT: f64 = 5e-5;
+    /// The default tolerance.
+    pub const NORMAL: f64 = 5e-6;
+    /// Tolerance for poses that are compared with stored ones.
+    pub const CONVERGED: f64 = 1e-6;
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { tolerance: Self::NORMAL, iterations: None, stiffness: Vec::new(), sliver_cap: 30.0 }
+    }
+}
+
+/// The deformer of a tetrahedral proxy. Memory is reserved at set-up; a frame allocates nothing.
+pub struct Volumetric {
+    settings: Settings,
+    blocks: Blocks,
+    handles: SoftHandles,
+    factor: Cholesky,
+    coarse: Coarse,
+    /// Rest positions in elimination order, and the attachment of each handle on them.
+    rest: Vec<Lanes>,
+    attachments: Vec<DVec3>,
+    /// Place of each vertex of the proxy in elimination order.
+    places: Vec<u32>,
+    /// The last pose and the one before, in elimination order.
+    p: Vec<Lanes>,
+    before: Vec<Lanes>,
+    rotations: Vec<Quaternions>,
+    /// Consecutive frames solved since the last start or hold: two give a velocity.
+    frames: u32,
+    memory: Memory,
+    pose: Vec<DVec3>,
+    last: FrameStats,
+}
+
+impl Volumetric {
+    /// Sets up: gradients, matrix, factor, release of handles, clusters.
+    ///
+    /// # Errors
+    /// [`crate::error::Kind::Refused`] when a component of the proxy has no handle, when a handle or a stiffness is not usable, or when the proxy
+    /// has vertices on flat tetrahedra only.
+    pub fn new(proxy: &Proxy, handles: &[Handle], options: &Options) -> Result<Self> {
+        let elements = elements::elements(proxy, &options.stiffness, options.sliver_cap)?;
+        check_handles(proxy, handles)?;
+        // Hardness is relative to the body without its stiffer parts: a handle on a stiff part is not stiffer for it.
+        let mut largest = vec![0.0; proxy.rest.len()];
+        for e in &elements {
+            for (&v, g) in e.corners.iter().zip(&e.gradients) {
+                largest[v as usize] += e.capped * g.length_squared();
+            }
+        }
+        let weights =
+            handles.iter().map(|h| h.beta * h.row.indices.iter().fold(0.0_f64, |m, &v| m.max(largest[v as usize]))).collect();
+        Self::with_weights(proxy, elements, handles, weights, options)
+    }
+
+    /// As [`Self::new`] with the weight of each handle in the energy as it is.
+    fn with_weights(
+        proxy: &Proxy,
+        mut elements: Vec<Element>,
+        handles: &[Handle],
+        weights: Vec<f64>,
+        options: &Options,
+    ) -> Result<Self> {
+        check_components(proxy, &elements, handles)?;
+        if !(options.tolerance > 0.0 && options.tolerance.is_finite()) {
+            return Err(Error::refused(format!("tolerance {}", options.tolerance)).expected("a positive number"));
+        }
+        let size = proxy.rest.len();
+        let groups = elements.iter().map(|e| e.corners.as_slice()).chain(handles.iter().map(|h| h.row.indices.as_slice()));
+        let order = nested_dissection(&Adjacency::of_groups(size, groups), &proxy.rest);
+        let mut places = vec![0; size];
+        for (place, &v) in order.iter().enumerate() {
+            places[v as usize] = place as u32;
+        }
+        let rest: Vec<DVec3> = order.iter().map(|&v| proxy.rest[v as usize]).collect();
+        for element in &mut elements {
+            element.corners = element.corners.map(|v| places[v as usize]);
+        }
+        elements.sort_by_key(|e| e.corners.iter().copied().min());
+        let attachments = handles.iter().map(|h| h.row.apply(&proxy.rest)).collect();
+        let handles: Vec<Handle> = handles
+            .iter()
+            .map(|h| {
+                let indices = h.row.indices.iter().map(|&v| places[v as usize]).collect();
+                Handle { row: SparseRow { indices, values: h.row.values.clone() }, ..h.clone() }
+            })
+            .collect();
+        let matrix = matrix(size, &elements, &handles, &weights);
+        let factor = Cholesky::factor(&matrix).map_err(|reason| {
+            Error::refused(format!("the handles do not hold the proxy: {reason}"))
+                .hint("handles of more moderate hardness, or a proxy without flat tetrahedra")
+        })?;
+        let blocks = Blocks::new(&elements);
+        let handles = SoftHandles::new(&handles, weights, &factor);
+        let coarse = Coarse::new(&elements, &rest, &blocks, &handles, &factor);
+        let (lo, hi) = rest.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
+        let points: Vec<Lanes> = rest.iter().map(|p| Lanes::point(*p)).collect();
+        let last = FrameStats { converged: true, volume_ratio: 1.0, ..Default::default() };
+        Ok(Self {
+            settings: Settings { tolerance: options.tolerance, diagonal: (hi - lo).length(), iterations: options.iterations },
+            rotations: vec![rotation::IDENTITY; blocks.list.len()],
+            memory: Memory::new(size, handles.len(), options.iterations),
+            p: points.clone(),
+            before: points.clone(),
+            rest: points,
+            pose: proxy.rest.clone(),
+            frames: 0,
+            blocks,
+            handles,
+            factor,
+            coarse,
+            attachments,
+            places,
+            last,
+        })
+    }
+
+    /// Energy after each accepted step of the last frame, from its beginning. Never rises, but for rounding.
+    pub fn energies(&self) -> &[f64] {
+        &self.memory.energies
+    }
+
+    fn solve(&mut self, targets: &Targets, cold: bool) -> Result<FrameStats> {
+        let count = self.handles.len();
+        assert!(targets.positions.len() == count && targets.presence.len() == count, "one target per handle");
+        match self.handles.take(targets) {
+            Presence::Nobody => return Ok(self.hold()),
+            Presence::Changed => self.coarse.rehandle(&self.handles),
+            Presence::Same => {}
+        }
+        if cold || self.frames == 0 {
+            self.align();
+        }
+        let mut stats = self.frame();
+        if !self.is_finite(&stats) {
+            self.align();
+            stats = self.frame();
+            stats.recovered = true;
+            if !self.is_finite(&stats) {
+                self.align();
+                self.write_pose();
+                return Err(Error::refused("the pose is not finite").expected("targets within reach of the body"));
+            }
+        }
+        self.frames = self.frames.saturating_add(1).min(2);
+        self.write_pose();
+        self.last = stats;
+        Ok(stats)
+    }
+
+    /// The frame without any handle: the pose stays.
+    fn hold(&mut self) -> FrameStats {
+        self.frames = self.frames.min(1);
+        self.before.copy_from_slice(&self.p);
+        self.memory.energies.clear();
+        FrameStats { passes: 0, step: 0.0, converged: true, recovered: false, ..self.last }
+    }
+
+    fn is_finite(&self, stats: &FrameStats) -> bool {
+        stats.energy.is_finite() && stats.step.is_finite() && self.p.iter().all(|p| p.xyz().is_finite())
+    }
+
+    /// The rest pose, moved rigidly so that the attachments come nearest to the present targets.
+    fn align(&mut self) {
+        let present = |h: usize| (self.handles.weight(h), self.attachments[h], self.handles.target(h).xyz());
+        let (mut total, mut from, mut to) = (0.0, DVec3::ZERO, DVec3::ZERO);
+        for (w, a, t) in (0..self.handles.len()).map(present).filter(|(w, ..)| *w > 0.0) {
+            total += w;
+            from += a * w;
+            to += t * w;
+        }
+        let (from, to) = (from / total, to / total);
+        let mut covariance = DMat3::ZERO;
+        for (w, a, t) in (0..self.handles.len()).map(present).filter(|(w, ..)| *w > 0.0) {
+            let (a, t) = ((a - from) * w, t - to);
+            covariance += DMat3::from_cols(t * a.x, t * a.y, t * a.z);
+        }
+        let turn = nearest_rotation(covariance, DMat3::IDENTITY);
+        for (p, rest) in self.p.iter_mut().zip(&self.rest) {
+            *p = Lanes::point(turn * (rest.xyz() - from) + to);
+        }
+        self.before.copy_from_slice(&self.p);
+        let quaternion = DQuat::from_mat3(&turn).normalize();
+        for q in &mut self.rotations {
+            for lane in 0..4 {
+                rotation::set_lane(q, lane, quaternion);
+            }
+        }
+        let attachments = &self.attachments;
+        self.handles.place_absent(|h, _| Lanes::point(turn * (attachments[h] - from) + to));
+        self.frames = 0;
+    }
+
+    fn write_pose(&mut self) {
+        for (pose, &place) in self.pose.iter_mut().zip(&self.places) {
+            *pose = self.p[place as usize].xyz();
+        }
+    }
+}
+
+impl Deformer for Volumetric {
+    fn start(&mut self, targets: &Targets) -> Result<FrameStats> {
+        self.solve(targets, true)
+    }
+
+    fn step(&mut self, targets: &Targets) -> Result<FrameStats> {
+        self.solve(targets, false)
+    }
+
+    fn pose(&self) -> &[DVec3] {
+        &self.pose
+    }
+}
+
+/// `L + Bᵀ W B` (Stoll et al. 2007, (2.4)).
+fn matrix(size: usize, elements: &[Element], handles: &[Handle], weights: &[f64]) -> SymmetricMatrix {
+    let mut entries = Vec::with_capacity(10 * elements.len());
+    for e in elements {
+        for (i, (&a, ga)) in e.corners.iter().zip(&e.gradients).enumerate() {
+            for (&b, gb) in e.corners.iter().zip(&e.gradients).take(i + 1) {
+                entries.push((a, b, e.weight * ga.dot(*gb)));
+            }
+        }
+    }
+    for (handle, &weight) in handles.iter().zip(weights) {
+        let terms = || handle.row.indices.iter().zip(&handle.row.values);
+        for (i, (&a, x)) in terms().enumerate() {
+            for (&b, y) in terms().take(i + 1) {
+                entries.push((a, b, weight * x * y));
+            }
+        }
+    }
+    SymmetricMatrix::assemble(size, &entries)
+}
+
+fn check_handles(proxy: &Proxy, handles: &[Handle]) -> Result<()> {
+    for handle in handles {
+        let refuse = |what: String| Err(Error::refused(format!("handle {}: {what}", handle.name)));
+        if !(handle.beta.is_finite() && handle.beta > 0.0) {
+            return refuse(format!("hardness {}", handle.beta));
+        }
+        if handle.row.indices.len() != handle.row.values.len() || handle.row.values.iter().any(|v| !v.is_finite()) {
+            return refuse("its row is broken".into());
+        }
+        if let Some(v) = handle.row.indices.iter().find(|&&v| v as usize >= proxy.rest.len()) {
+            return refuse(format!("it sits on vertex {v} of a proxy with {}", proxy.rest.len()));
+        }
+        let sum: f64 = handle.row.values.iter().sum();
+        if !((sum - 1.0).abs() < 1e-3) {
+            return refuse(format!("the coefficients of its row sum to {sum}, not to 1"));
+        }
+    }
+    Ok(())
+}
+
+/// Every vertex hangs on a tetrahedron, and every connected part on a handle.
+fn check_components(proxy: &Proxy, elements: &[Element], handles: &[Handle]) -> Result<()> {
+    if elements.is_empty() {
+        return Err(Error::refused("the proxy has no tetrahedra with volume"));
+    }
+    let mut parents: Vec<u32> = (0..proxy.rest.len() as u32).collect();
+    let mut used = vec![false; parents.len()];
+    for e in elements {
+        for v in e.corners {
+            used[v as usize] = true;
+            let (a, b) = (root(&mut parents, e.corners[0]), root(&mut parents, v));
+            parents[a.max(b) as usize] = a.min(b);
+        }
+    }
+    if let Some(v) = used.iter().position(|used| !used) {
+        return Err(Error::refused(format!(
+            "vertex {v} of the proxy at {} belongs to no tetrahedron with volume",
+            proxy.rest[v]
+        )));
+    }
+    let mut held = vec![false; parents.len()];
+    for handle in handles {
+        for (&v, _) in handle.row.indices.iter().zip(&handle.row.values).filter(|(_, b)| **b != 0.0) {
+            held[root(&mut parents, v) as usize] = true;
+        }
+    }
+    let roots: Vec<u32> = (0..parents.len() as u32).filter(|&v| root(&mut parents, v) == v).collect();
+    let Some(number) = roots.iter().position(|&v| !held[v as usize]) else { return Ok(()) };
+    let free = roots[number];
+    let members: Vec<usize> = (0..parents.len()).filter(|&v| root(&mut parents, v as u32) == free).collect();
+    let centre = members.iter().map(|&v| proxy.rest[v]).sum::<DVec3>() / members.len() as f64;
+    let count = elements.iter().filter(|e| root(&mut parents, e.corners[0]) == free).count();
+    Err(Error::refused(format!(
+        "no handle holds component {} of {} of the proxy: {count} tetrahedra around {centre:.3} in the unit box",
+        number + 1,
+        roots.len()
+    ))
+    .expected("at least one handle on every component")
+    .hint("a marker on it, or a scan without the loose part"))
+}
+
+fn root(parents: &mut [u32], mut v: u32) -> u32 {
+    while parents[v as usize] != v {
+        let above = parents[v as usize];
+        parents[v as usize] = parents[above as usize];
+        v = above;
+    }
+    v
+}

@@ -1,0 +1,622 @@
+//! The binding of a capture to a scan, from labels to attachment points.
+
+use super::actor::{self, Actor, quantile};
+use super::fit::{self, Fit, Observation, SIZE};
+use super::labels::{self, Names};
+use super::landmarks::{Body, NotHuman};
+use super::reference::{self, Chosen, Landed};
+use super::segments::{self, Segment, Side, Skeleton};
+use super::similarity::{Held, Similarity, upright};
+use super::track::Track;
+use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, clusters, places, raw, refuse};
+use crate::capture::{Capture, Motion};
+use crate::error::{Error, Kind, Notes, Result};
+use crate::space::{Evidence, Known, Unit};
+use glam::DVec3;
+
+/// Named markers below which no body can be recognised.
+const FEWEST_NAMED: usize = 10;
+/// Root mean square of a similarity, in statures, below which actor and scan are alike in shape and pose.
+const ALIKE: f64 = 0.015;
+/// The same beyond which the reference frame is not the scan's pose in any way.
+const FAR_POSE: f64 = 0.15;
+/// The same beyond which the pose is worth a word.
+const OTHER_POSE: f64 = 0.06;
+/// Median and 90th percentile of the fit's residuals, in statures: fine up to the first pair, refused beyond the second.
+const GOOD: (f64, f64) = (0.025, 0.06);
+const BEARABLE: (f64, f64) = (0.04, 0.09);
+/// Residual of one marker, in statures, from which it is doubtful.
+const DOUBTFUL: f64 = 0.06;
+/// How far a marker may leave its segment (95th percentile, in statures) before it is doubtful.
+const LEAVES: f64 = 0.03;
+/// Hardness of a doubtful handle.
+const SOFT: f64 = 0.1;
+/// An unnamed marker that moves more than this against every segment, in statures, is not on the body.
+const PROP: f64 = 0.02;
+/// Attachments farther outside than this, in diagonals, are refused by name.
+pub(super) const OUTSIDE: f64 = 0.05;
+/// Frames that the whole-take measures look at.
+const SAMPLES: usize = 60;
+/// Distances between neighbouring handles that change by more than this are worth a word (95th percentile).
+const STRETCH: f64 = 0.15;
+
+/// Binds a capture to a scan.
+///
+/// `body` is the scan as [`super::landmarks::find`] sees it. `reference` is a second capture of the same actor with the same labels, in
+/// which the reference frame is looked for.
+///
+/// Errors: refusals that name the deciding option (`Refused`, `Ambiguous`); a reference frame outside the capture (`Usage`).
+pub fn bind(
+    scan: &ScanShape<'_>,
+    body: Result<Body, NotHuman>,
+    capture: &Capture,
+    reference: Option<&Capture>,
+    options: &Options,
+) -> Result<Binding> {
+    let take = Take::of(capture, options);
+    if take.track.take.frames() == 0 {
+        return Err(Error::refused("there is no marker to bind").file(&capture.source));
+    }
+    if options.align == Align::None {
+        return raw::bind_as_it_is(scan, body.as_ref().ok(), &take, options);
+    }
+    let body = match body {
+        Ok(body) => oriented(body, options),
+        Err(reason) => {
+            if options.align == Align::Auto
+                && let Some(found) = raw::lies_on(scan, &take, None, options)
+            {
+                return raw::bind_found(scan, None, &take, found, options);
+            }
+            return Err(no_body(&reason));
+        }
+    };
+    let skeleton = Skeleton::of(&body);
+    if options.align == Align::Auto
+        && reference.is_none()
+        && options.yaw.is_none()
+        && options.scale.is_none()
+        && let Some(found) = raw::lies_on(scan, &take, Some(&skeleton), options)
+    {
+        return raw::bind_found(scan, Some(&body), &take, found, options);
+    }
+    Human { scan, body: &body, skeleton: &skeleton, take: &take, options }.bind(reference)
+}
+
+/// A capture with its labels read.
+pub(super) struct Take<'a> {
+    pub capture: &'a Capture,
+    pub track: Track<'a>,
+    pub names: Names,
+}
+
+impl<'a> Take<'a> {
+    pub(super) fn of(capture: &'a Capture, options: &Options) -> Self {
+        let Motion::Markers(take) = &capture.motion;
+        let track = Track { take, mirror: options.mirror };
+        let names = labels::name(&take.labels, &track.coverage(), options.swap_sides);
+        Self { capture, track, names }
+    }
+
+    pub(super) fn range(&self) -> (i64, i64) {
+        let first = self.capture.first_frame;
+        (first, first + self.track.take.frames() as i64 - 1)
+    }
+
+    fn label(&self, marker: usize) -> &str {
+        &self.track.take.labels[marker]
+    }
+
+    /// The marker of `other` that is this take's `marker`: the same place, or the same label.
+    fn twin(&self, marker: usize, other: &Take<'_>) -> Option<usize> {
+        let by_place = self.names.places[marker]
+            .as_ref()
+            .and_then(|p| other.names.iter().find(|(_, q)| q.landmark == p.landmark && q.side == p.side).map(|(i, _)| i));
+        by_place.or_else(|| other.track.take.labels.iter().position(|l| l == self.label(marker)))
+    }
+}
+
+fn oriented(body: Body, options: &Options) -> Body {
+    let mut body = if options.flip { segments::turned(&body) } else { body };
+    if let Some(axis) = options.scan_up {
+        body.up = axis.vector();
+        let level = body.forward - body.up * body.forward.dot(body.up);
+        body.forward = level.try_normalize().unwrap_or_else(|| body.up.any_orthonormal_vector());
+    }
+    body
+}
+
+fn no_body(reason: &NotHuman) -> Error {
+    let numbers = reason.margin_and_cost.map_or(String::new(), |(margin, cost)| format!(" (margin {margin:.2}, cost {cost:.2})"));
+    Error::refused(format!("no human body is recognised in the scan: {}{numbers}", reason.reason))
+        .expected("an upright person with arms and legs apart (margin 0.15 or more, cost up to 0.45)")
+        .hint("--align none when the scan is where the capture's markers are")
+}
+
+/// The unit of a scan from the user, its file, or the size of the body in it.
+pub(super) fn scan_unit(scan: &ScanShape<'_>, body: Option<&Body>, options: &Options) -> Option<Known<Unit>> {
+    if let Some(unit) = options.scan_unit {
+        return Some(Known::new(unit, Evidence::User));
+    }
+    match body {
+        Some(body) => actor::unit_of_stature(body.stature * scan.unit_box.diagonal, scan.space.unit).or(scan.space.unit),
+        None => scan.space.unit,
+    }
+}
+
+struct Human<'a> {
+    scan: &'a ScanShape<'a>,
+    body: &'a Body,
+    skeleton: &'a Skeleton,
+    take: &'a Take<'a>,
+    options: &'a Options,
+}
+
+impl Human<'_> {
+    fn bind(&self, reference: Option<&Capture>) -> Result<Binding> {
+        let options = self.options;
+        let mut notes = Notes::default();
+        self.check_body(&mut notes)?;
+        check_labels(self.take)?;
+        let actor = actor::read(&self.take.track, &self.take.names, &self.take.capture.space, options, &mut notes)
+            .map_err(|e| e.file(&self.take.capture.source))?;
+        self.check_sides(&actor, &mut notes)?;
+        let unit = scan_unit(self.scan, Some(self.body), options);
+        let factor = unit_factor(actor.unit, unit);
+        let held = Held {
+            yaw: options.yaw.map(f64::to_radians),
+            scale: options.scale.map(|s| s * factor / self.scan.unit_box.diagonal),
+        };
+
+        // The pose is read in the reference capture, the motion in the take.
+        let still = reference.map(|capture| Take::of(capture, options));
+        let posed = still.as_ref().unwrap_or(self.take);
+        if still.is_some() {
+            check_labels(posed)?;
+            check_same_actor(self.take, posed)?;
+        }
+        let still_actor = match &still {
+            Some(still) => actor::read(&still.track, &still.names, &still.capture.space, options, &mut Notes::default())
+                .map_err(|e| e.file(&still.capture.source))?,
+            None => actor.clone(),
+        };
+        let landed = self.landed(posed);
+        let pose_held = Held { yaw: if still.is_some() { None } else { held.yaw }, ..held };
+        let chosen = reference::choose(
+            posed.capture,
+            &posed.track,
+            still_actor.up.value.vector(),
+            self.skeleton,
+            &landed,
+            pose_held,
+            options,
+        )?;
+        let align = match options.align {
+            Align::Auto if chosen.rms < ALIKE => Align::Similarity,
+            Align::Auto => Align::Pose,
+            chosen => chosen,
+        };
+        self.warn_of_pose(&chosen, &mut notes);
+
+        let fit = self.fit(posed, &landed, &chosen);
+        let mut fit = Fitted { fit, landed: &landed, chosen: &chosen };
+        if let Some(scale) = held.scale {
+            fit.fit.resize(chosen.upright.placement.scale / scale);
+        }
+        self.check_fit(posed, &fit, &mut notes)?;
+        let mut binding = self.attach(posed, still.is_some(), &actor, &fit, align, held, factor, notes)?;
+        let diagonal = self.scan.unit_box.diagonal;
+        let d = &mut binding.decisions;
+        d.scale = binding.placement.scale * diagonal / factor;
+        d.scan_unit = unit;
+        d.scan_up = Some(Known::new(self.body.up, if options.scan_up.is_some() { Evidence::User } else { Evidence::Shape }));
+        d.scan_forward = Some(Known::new(self.body.forward, if options.flip { Evidence::User } else { Evidence::Shape }));
+        d.scan_height = Some(self.body.stature * diagonal);
+        Ok(binding)
+    }
+
+    fn check_body(&self, notes: &mut Notes) -> Result<()> {
+        let body = self.body;
+        if body.margin < 0.15 || body.cost > 0.45 {
+            let error = Error::refused(format!(
+                "the scan is hardly a person as far as its shape tells (margin {:.2}, cost {:.2})",
+                body.margin, body.cost
+            ))
+            .expected("margin 0.15 or more, cost up to 0.45")
+            .hint("--align none when the scan is where the capture's markers are");
+            refuse(error, self.options, notes)?;
+        } else if body.margin < 0.25 {
+            notes.warn(format!("head, hands and feet of the scan are told apart by a small margin ({:.2})", body.margin));
+        }
+        if body.facing_ratio < 2.0 && !self.options.flip {
+            notes.warn(format!(
+                "facing of the scan from its feet is weak ({:.1}): check the result, --flip turns it",
+                body.facing_ratio
+            ));
+        }
+        Ok(())
+    }
+
+    fn check_sides(&self, actor: &Actor, notes: &mut Notes) -> Result<()> {
+        let file = &self.take.capture.source;
+        match actor.sides {
+            Some(sides) if sides < -0.3 => {
+                let error = Error::new(
+                    Kind::Ambiguous,
+                    format!(
+                        "left and right of the labels disagree with up and facing ({sides:+.2}): mirrored axes or swapped labels"
+                    ),
+                )
+                .file(file)
+                .expected("+0.3 or more")
+                .hint("--mirror when the capture's axes are mirrored, --swap-sides when its labels are");
+                refuse(error, self.options, notes)
+            }
+            Some(sides) if sides < 0.3 && self.options.yaw.is_none() => {
+                let error = Error::new(Kind::Ambiguous, format!("the actor's facing is unclear ({sides:+.2})"))
+                    .file(file)
+                    .expected("+0.3 or more")
+                    .hint("--yaw DEGREES, the turn of the capture about the scan's up axis");
+                refuse(error, self.options, notes)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn landed(&self, take: &Take<'_>) -> Vec<Landed> {
+        take.names
+            .iter()
+            .map(|(marker, place)| Landed {
+                marker,
+                place: places::on_skin(place, self.skeleton, self.scan.tree),
+                weight: place.weight,
+            })
+            .collect()
+    }
+
+    fn warn_of_pose(&self, chosen: &Chosen, notes: &mut Notes) {
+        let percent = 100.0 * chosen.rms;
+        let words = if chosen.rms > FAR_POSE {
+            format!("no frame is close to the scan's pose (best {percent:.1} % of height): wrists may be twisted")
+        } else if chosen.rms > OTHER_POSE && self.options.reference == Reference::Auto {
+            format!("the capture never shows the scan's pose (nearest frame {percent:.1} % of height away)")
+        } else {
+            return;
+        };
+        notes.warn(format!("{words}; a trial in the scan's pose can be given with --ref-file"));
+    }
+
+    fn fit(&self, posed: &Take<'_>, landed: &[Landed], chosen: &Chosen) -> Fit {
+        let observations: Vec<Observation> = landed
+            .iter()
+            .filter_map(|l| {
+                let place = posed.names.places[l.marker].as_ref()?;
+                Some(Observation {
+                    marker: chosen.upright.placement.apply(posed.track.point(chosen.frame, l.marker)?),
+                    place: l.place,
+                    segment: place.segment(),
+                    weight: l.weight,
+                })
+            })
+            .collect();
+        fit::fit(self.skeleton, &observations)
+    }
+
+    fn check_fit(&self, posed: &Take<'_>, fitted: &Fitted<'_>, notes: &mut Notes) -> Result<()> {
+        let (median, p90) = fitted.residual(self.skeleton);
+        let words = format!(
+            "the markers do not fit this body well: median {:.1} %, p90 {:.1} % of height off",
+            100.0 * median,
+            100.0 * p90
+        );
+        if median > BEARABLE.0 || p90 > BEARABLE.1 {
+            let error = Error::refused(words)
+                .file(&posed.capture.source)
+                .at(format!("frame {}", posed.capture.first_frame + fitted.chosen.frame as i64))
+                .expected("up to 4 % and 9 %")
+                .hint("--ref N with a frame near the scan's pose, --ref-file with a static trial");
+            return refuse(error, self.options, notes);
+        }
+        if median > GOOD.0 || p90 > GOOD.1 {
+            notes.warn(words);
+        }
+        let arms = [Side::Left, Side::Right].map(|side| fitted.fit.arm_elevation(self.skeleton, side));
+        let turned = (0..2).map(|i| (arms[i] - self.body.arm_elevation[i]).abs()).fold(0.0, f64::max);
+        if turned > 30.0 {
+            notes.warn(format!(
+                "the arms of the reference frame are {turned:.0}° away from the scan's: shoulders may look square"
+            ));
+        }
+        Ok(())
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn attach(
+        &self,
+        posed: &Take<'_>,
+        apart: bool,
+        actor: &Actor,
+        fitted: &Fitted<'_>,
+        align: Align,
+        held: Held,
+        factor: f64,
+        mut notes: Notes,
+    ) -> Result<Binding> {
+        let take = self.take;
+        let start = fitted.chosen.upright.placement;
+        let frame = fitted.chosen.frame;
+        let stature = self.skeleton.stature / start.scale;
+        let frames = take.track.sample(SAMPLES);
+        let unnamed: Vec<usize> = (0..take.track.take.markers()).filter(|&i| take.names.places[i].is_none()).collect();
+        let assigned = clusters::assign(&take.track, &take.names, &unnamed, &frames, stature);
+
+        let mut handles = Vec::new();
+        let mut unbound = Vec::new();
+        let mut doubtful = Vec::new();
+        for marker in 0..take.track.take.markers() {
+            let label = take.label(marker).to_owned();
+            let named = take.names.places[marker].as_ref().map(super::labels::Place::segment);
+            let segment = match named {
+                Some(segment) => segment,
+                None => match assigned.iter().find(|a| a.marker == marker) {
+                    Some(a) if a.movement <= PROP => a.segment,
+                    Some(a) => {
+                        let far = 100.0 * a.movement;
+                        unbound.push((label, format!("unknown label that moves {far:.1} % of height against every segment")));
+                        continue;
+                    }
+                    None => {
+                        unbound.push((label, "unknown label that is never seen with a segment".to_owned()));
+                        continue;
+                    }
+                },
+            };
+            let twin = if apart { take.twin(marker, posed) } else { Some(marker) };
+            let point = twin.and_then(|i| {
+                let seen = posed.track.point(frame, i);
+                seen.or_else(|| clusters::predict(&posed.track, &posed.names, i, segment, &posed.track.sample(300), frame))
+            });
+            let Some(point) = point else {
+                unbound.push((label, "not there in the reference frame".to_owned()));
+                continue;
+            };
+            let attachment = match align {
+                Align::Similarity => start.apply(point),
+                _ => fitted.fit.carry(self.skeleton, segment, start.apply(point)),
+            };
+            if let Some(far) = outside(self.scan, attachment) {
+                unbound.push((label, format!("{:.1} % of the diagonal outside the scan", 100.0 * far)));
+                continue;
+            }
+            let residual = twin.and_then(|i| fitted.of(posed, i)).map(|r| r / self.skeleton.stature);
+            let leaves = if named.is_some() {
+                let home =
+                    if apart { frames.iter().copied().find(|&f| take.track.point(f, marker).is_some()) } else { Some(frame) };
+                home.and_then(|f| clusters::departure(&take.track, &take.names, marker, segment, &frames, f, stature))
+            } else {
+                None
+            };
+            let soft = residual.is_some_and(|r| r > DOUBTFUL) || leaves.is_some_and(|l| l > LEAVES);
+            if soft {
+                let percent = 100.0 * residual.unwrap_or(0.0).max(leaves.unwrap_or(0.0));
+                doubtful.push(format!("{label} {percent:.1} %"));
+            }
+            handles.push(BoundMarker { label, marker, attachment, segment: Some(segment), beta: if soft { SOFT } else { 1.0 } });
+        }
+        if !doubtful.is_empty() {
+            notes.warn(format!("{} doubtful markers pull softly: {}", doubtful.len(), doubtful.join(", ")));
+        }
+        if handles.is_empty() {
+            return Err(Error::refused("no marker can be bound to the scan").file(&take.capture.source));
+        }
+
+        let placement = self.place(align, actor, fitted, apart, &handles, held)?;
+        let mut decisions = Decisions {
+            align,
+            reference_frame: posed.capture.first_frame + frame as i64,
+            reference_range: posed.range(),
+            reference_capture: apart.then(|| posed.capture.name.clone()),
+            scale: placement.similarity.scale * self.scan.unit_box.diagonal / factor,
+            yaw: placement.yaw.to_degrees(),
+            scan_unit: None,
+            scan_up: None,
+            scan_forward: None,
+            scan_height: None,
+            capture_unit: actor.unit,
+            capture_up: Some(actor.up),
+            actor_height: actor.stature,
+            set: take.names.set,
+            named: take.names.count(),
+            markers: take.track.take.markers(),
+            bound: handles.len(),
+            off_surface: raw::off_surface(self.scan, &handles),
+            residual: Some(fitted.residual(self.skeleton)).map(|(a, b)| (100.0 * a, 100.0 * b)),
+            proportions: SIZE.iter().map(|&(r, name)| (name, fitted.fit.ratios[r as usize])).collect(),
+            strain: None,
+        };
+        let similarity = placement.similarity;
+        if let Some((median, p95)) = strain(&take.track, &handles, &similarity, &frames, self.skeleton.stature) {
+            decisions.strain = Some((100.0 * median, 100.0 * p95));
+            if p95 > STRETCH {
+                let ratios: Vec<String> = decisions.proportions.iter().map(|(name, r)| format!("{name} {r:.2}")).collect();
+                notes.warn(format!(
+                    "distances between neighbouring handles change by {:.0} % (p95): actor and scan differ in proportions ({}) or a marker is off",
+                    100.0 * p95,
+                    ratios.join(", ")
+                ));
+            }
+        }
+        let segments = Segment::ALL
+            .iter()
+            .map(|&segment| {
+                let bone = self.skeleton.bone(segment);
+                SegmentPlace { segment, from: bone.origin, to: bone.end }
+            })
+            .collect();
+        Ok(Binding {
+            placement: Similarity { mirror: self.options.mirror, ..similarity },
+            handles,
+            unbound,
+            segments,
+            decisions,
+            notes,
+        })
+    }
+
+    /// The placement of the whole take: scale from the fit, turn and shift from the handles of trunk and legs in the take's own frame
+    /// nearest to the scan's pose.
+    fn place(
+        &self,
+        align: Align,
+        actor: &Actor,
+        fitted: &Fitted<'_>,
+        apart: bool,
+        handles: &[BoundMarker],
+        held: Held,
+    ) -> Result<Placed> {
+        let chosen = fitted.chosen;
+        let scale = match align {
+            Align::Similarity => chosen.upright.placement.scale,
+            _ => chosen.upright.placement.scale / fitted.fit.size,
+        };
+        if align == Align::Similarity && !apart {
+            return Ok(Placed { similarity: chosen.upright.placement, yaw: chosen.upright.yaw });
+        }
+        let up = actor.up.value.vector();
+        let frame = if apart {
+            let landed = self.landed(self.take);
+            let auto = Options { reference: Reference::Auto, ..self.options.clone() };
+            reference::choose(self.take.capture, &self.take.track, up, self.skeleton, &landed, held, &auto)?.frame
+        } else {
+            chosen.frame
+        };
+        let pairs = |core: bool| -> Vec<(DVec3, DVec3, f64)> {
+            handles
+                .iter()
+                .filter(|h| !core || h.segment.is_some_and(|s| !s.is_arm() && s != Segment::Head))
+                .filter_map(|h| Some((self.take.track.point(frame, h.marker)?, h.attachment, 1.0)))
+                .collect()
+        };
+        let held = Held { scale: Some(scale), ..held };
+        let placed = upright(&pairs(true), up, self.skeleton.up, held)
+            .or_else(|| upright(&pairs(false), up, self.skeleton.up, held))
+            .ok_or_else(|| Error::refused("fewer than three bound markers are there at once").file(&self.take.capture.source))?;
+        Ok(Placed { similarity: placed.placement, yaw: placed.yaw })
+    }
+}
+
+struct Placed {
+    similarity: Similarity,
+    yaw: f64,
+}
+
+struct Fitted<'a> {
+    fit: Fit,
+    landed: &'a [Landed],
+    chosen: &'a Chosen,
+}
+
+impl Fitted<'_> {
+    /// Median and 90th percentile of the residuals, in statures.
+    fn residual(&self, body: &Skeleton) -> (f64, f64) {
+        let mut values: Vec<f64> = self.fit.residuals.iter().map(|r| r / body.stature / self.fit.size).collect();
+        (quantile(&mut values, 0.5).unwrap_or(0.0), quantile(&mut values, 0.9).unwrap_or(0.0))
+    }
+
+    /// Residual of a marker of the reference capture, in the unit box.
+    fn of(&self, posed: &Take<'_>, marker: usize) -> Option<f64> {
+        let seen = self.landed.iter().filter(|l| posed.track.point(self.chosen.frame, l.marker).is_some());
+        seen.zip(&self.fit.residuals).find(|(l, _)| l.marker == marker).map(|(_, r)| r / self.fit.size)
+    }
+}
+
+fn check_labels(take: &Take<'_>) -> Result<()> {
+    let named = take.names.count();
+    let core = take.names.iter().filter(|(_, p)| matches!(p.segment(), Segment::Pelvis | Segment::Trunk)).count();
+    if named >= FEWEST_NAMED && core >= 4 {
+        return Ok(());
+    }
+    let unknown: Vec<&str> =
+        (0..take.track.take.markers()).filter(|&i| take.names.places[i].is_none()).take(6).map(|i| take.label(i)).collect();
+    Err(Error::refused(format!(
+        "{named} of {} labels name a place on the body, {core} of them on trunk and pelvis (unknown: {})",
+        take.track.take.markers(),
+        unknown.join(", ")
+    ))
+    .file(&take.capture.source)
+    .expected(format!("{FEWEST_NAMED} known labels, 4 of them on trunk and pelvis"))
+    .hint("--align none when the scan is where the capture's markers are"))
+}
+
+/// Distances inside segments must agree between take and reference capture.
+fn check_same_actor(take: &Take<'_>, still: &Take<'_>) -> Result<()> {
+    let typical = |t: &Take<'_>, i: usize, j: usize| {
+        let mut lengths: Vec<f64> =
+            t.track.sample(30).into_iter().filter_map(|f| Some((t.track.point(f, i)? - t.track.point(f, j)?).length())).collect();
+        quantile(&mut lengths, 0.5)
+    };
+    let mut ratios = Vec::new();
+    for (i, a) in take.names.iter() {
+        for (j, b) in take.names.iter().filter(|&(j, b)| j > i && b.segment() == a.segment()) {
+            if let (Some(k), Some(l)) = (take.twin(i, still), take.twin(j, still))
+                && let (Some(here), Some(there)) = (typical(take, i, j), typical(still, k, l))
+                && here > 0.0
+            {
+                ratios.push(there / here);
+            }
+            let _ = b;
+        }
+    }
+    match quantile(&mut ratios, 0.5) {
+        Some(ratio) if (0.93..=1.07).contains(&ratio) => Ok(()),
+        Some(ratio) => Err(Error::refused(format!("the reference capture is {ratio:.3} times the size of the take"))
+            .file(&still.capture.source)
+            .expected("the same actor in the same unit (0.93 to 1.07)")
+            .hint("another --ref-file, or none")),
+        None => Err(Error::refused("the reference capture shares no two labels of one segment with the take")
+            .file(&still.capture.source)
+            .hint("a --ref-file of the same marker set")),
+    }
+}
+
+/// Scan units per unit of the capture; 1 where one of them is unknown.
+pub(super) fn unit_factor(capture: Option<Known<Unit>>, scan: Option<Known<Unit>>) -> f64 {
+    match (capture, scan) {
+        (Some(a), Some(b)) => a.value.metres() / b.value.metres(),
+        _ => 1.0,
+    }
+}
+
+/// Distance outside the scan in diagonals where it is too much.
+pub(super) fn outside(scan: &ScanShape<'_>, p: DVec3) -> Option<f64> {
+    let closest = scan.tree.closest(p)?;
+    (closest.distance > OUTSIDE && scan.tree.winding(p).abs() < 0.5).then_some(closest.distance)
+}
+
+/// Median and 95th percentile of the relative change of distance between handles on the same or neighbouring segments.
+fn strain(
+    track: &Track<'_>,
+    handles: &[BoundMarker],
+    placement: &Similarity,
+    frames: &[usize],
+    stature: f64,
+) -> Option<(f64, f64)> {
+    let mut values = Vec::new();
+    for (i, a) in handles.iter().enumerate() {
+        for b in &handles[i + 1..] {
+            let (Some(s), Some(t)) = (a.segment, b.segment) else { continue };
+            let rest = (a.attachment - b.attachment).length();
+            let near = s == t || s.parent() == Some(t) || t.parent() == Some(s);
+            if !near || rest < 0.08 * stature || rest > 0.35 * stature {
+                continue;
+            }
+            for &f in frames {
+                if let (Some(p), Some(q)) = (track.point(f, a.marker), track.point(f, b.marker)) {
+                    values.push(((p - q).length() * placement.scale / rest - 1.0).abs());
+                }
+            }
+        }
+    }
+    let p95 = quantile(&mut values, 0.95)?;
+    Some((quantile(&mut values, 0.5)?, p95))
+}

@@ -1,0 +1,189 @@
+//! One frame: from the predicted pose down to the minimum of the energy.
+
+use super::anderson::Anderson;
+use super::{FrameStats, Volumetric};
+use crate::linalg::lanes::{Lanes, add_scaled, longest};
+
+/// Passes after which a frame is left as it is, warm and cold.
+const MOST_PASSES: (u32, u32) = (60, 200);
+
+/// Iterations after which the coarse level is turned with the body again, warm and cold.
+const REBUILD: (u32, u32) = (8, 6);
+
+/// A step is taken back when the energy rises by more than this part of it.
+const RISE: f64 = 1e-13;
+
+pub(super) struct Settings {
+    pub(super) tolerance: f64,
+    /// Diagonal of the rest box.
+    pub(super) diagonal: f64,
+    pub(super) iterations: Option<u32>,
+}
+
+/// What a frame needs besides the state that it leaves behind; reserved once.
+pub(super) struct Memory {
+    gradient: Vec<Lanes>,
+    /// The plain step `A⁻¹ g`, and the full one.
+    plain: Vec<Lanes>,
+    step: Vec<Lanes>,
+    image: Vec<Lanes>,
+    trial: Vec<Lanes>,
+    load: Vec<Lanes>,
+    pulls: Vec<[f64; 3]>,
+    pull_axis: Vec<f64>,
+    anderson: Anderson,
+    pub(super) energies: Vec<f64>,
+}
+
+impl Memory {
+    pub(super) fn new(size: usize, handles: usize, iterations: Option<u32>) -> Self {
+        let zeros = || vec![Lanes::ZERO; size];
+        let longest = iterations.unwrap_or(MOST_PASSES.1 + 3) as usize;
+        Self {
+            gradient: zeros(),
+            plain: zeros(),
+            step: zeros(),
+            image: zeros(),
+            trial: zeros(),
+            load: zeros(),
+            pulls: vec![[0.0; 3]; handles],
+            pull_axis: vec![0.0; handles],
+            anderson: Anderson::new(size),
+            energies: Vec::with_capacity(longest + 1),
+        }
+    }
+}
+
+impl Volumetric {
+    /// Solves for the targets that the handles have; leaves the pose in `p` and the one before in `before`.
+    pub(super) fn frame(&mut self) -> FrameStats {
+        self.memory.energies.clear();
+        let mut stats = match self.settings.iterations {
+            Some(count) => self.alternate(count),
+            None => self.descend(),
+        };
+        (stats.inverted, stats.volume_ratio) = self.blocks.measure(&self.p);
+        stats
+    }
+
+    /// The paper's way: linear solve and exact rotations in turn.
+    fn alternate(&mut self, count: u32) -> FrameStats {
+        self.before.copy_from_slice(&self.p);
+        let mut energy = self.evaluate(Place::Current, 0);
+        let mut step = 0.0;
+        for _ in 0..count {
+            let m = &mut self.memory;
+            m.plain.copy_from_slice(&m.gradient);
+            self.handles.solve(&self.factor, &mut m.plain, &mut m.pulls, &mut m.pull_axis);
+            step = longest(&m.plain);
+            add_scaled(&mut self.p, -1.0, &m.plain);
+            self.blocks.extract(&self.p, &mut self.rotations);
+            energy = self.evaluate(Place::Current, 0);
+            self.memory.energies.push(energy);
+        }
+        FrameStats { passes: count + 1, step: step / self.settings.diagonal, converged: true, energy, ..Default::default() }
+    }
+
+    fn descend(&mut self) -> FrameStats {
+        let cold = self.frames < 2;
+        let (cap, rebuild) = if cold { (MOST_PASSES.1, REBUILD.1) } else { (MOST_PASSES.0, REBUILD.0) };
+        for (p, before) in self.p.iter_mut().zip(&mut self.before) {
+            let now = *p;
+            if !cold {
+                *p = now * 2.0 - *before;
+            }
+            *before = now;
+        }
+        // Rotations of an undeformed body still differ from the identity by rounding.
+        let rounding = 1e-28 * self.blocks.total_weight;
+        let mut newton = 1;
+        let mut energy = self.evaluate(Place::Current, 2);
+        self.memory.energies.push(energy);
+        self.memory.anderson.forget();
+        self.coarse.build(&self.blocks, &self.rotations);
+        let mut passes = 1;
+        let mut iteration = 0;
+        loop {
+            if iteration > 0 && iteration % rebuild == 0 {
+                self.coarse.build(&self.blocks, &self.rotations);
+                self.memory.anderson.forget();
+            }
+            iteration += 1;
+            self.precondition();
+            let m = &mut self.memory;
+            let step = longest(&m.step) / self.settings.diagonal;
+            for ((image, p), step) in m.image.iter_mut().zip(&self.p).zip(&m.step) {
+                *image = *p + *step;
+            }
+            m.anderson.record(&m.image, &m.step);
+            let limit = energy * (1.0 + RISE) + rounding;
+            let mut accepted = false;
+            let mut next = f64::NAN;
+            if m.anderson.mix(&mut m.trial) {
+                next = self.evaluate(Place::Trial, newton);
+                passes += 1;
+                accepted = next <= limit;
+            }
+            if !accepted {
+                let m = &mut self.memory;
+                m.anderson.forget_changes();
+                m.trial.copy_from_slice(&m.image);
+                next = self.evaluate(Place::Trial, newton);
+                passes += 1;
+                accepted = next <= limit;
+            }
+            if !accepted {
+                // The plain step cannot raise the energy, except by rotations that one Newton step leaves inexact.
+                let m = &mut self.memory;
+                m.anderson.forget();
+                m.trial.copy_from_slice(&self.p);
+                add_scaled(&mut m.trial, -1.0, &m.plain);
+                next = self.evaluate(Place::Trial, newton);
+                passes += 1;
+                if !(next <= limit) {
+                    newton = 3;
+                }
+            }
+            std::mem::swap(&mut self.p, &mut self.memory.trial);
+            energy = next;
+            self.memory.energies.push(energy);
+            let converged = step < self.settings.tolerance;
+            if converged || passes >= cap || !step.is_finite() {
+                return FrameStats { passes, step, converged, energy, ..Default::default() };
+            }
+        }
+    }
+
+    /// Energy at the current or the trial pose; half its gradient goes to `memory.gradient`.
+    fn evaluate(&mut self, place: Place, newton: u32) -> f64 {
+        let m = &mut self.memory;
+        let p = match place {
+            Place::Current => &self.p,
+            Place::Trial => &m.trial,
+        };
+        let body = self.blocks.pass(p, &mut self.rotations, newton, &mut m.gradient);
+        body + self.handles.pull(p, &mut m.gradient)
+    }
+
+    /// From the gradient to the plain and the full step.
+    fn precondition(&mut self) {
+        let m = &mut self.memory;
+        m.plain.copy_from_slice(&m.gradient);
+        self.handles.solve(&self.factor, &mut m.plain, &mut m.pulls, &mut m.pull_axis);
+        if self.coarse.is_ready() {
+            self.coarse.load(&m.plain, &mut m.load);
+            self.handles.solve(&self.factor, &mut m.load, &mut m.pulls, &mut m.pull_axis);
+        } else {
+            m.load.fill(Lanes::ZERO);
+        }
+        for ((step, plain), load) in m.step.iter_mut().zip(&m.plain).zip(&m.load) {
+            *step = -(*plain + *load);
+        }
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Place {
+    Current,
+    Trial,
+}

@@ -1,0 +1,325 @@
+//! Joints and weights of the proxy's motion: alternation on chosen frames, transforms on all frames, more joints where the error is.
+
+use super::blend::{Blend, Emphasis};
+use super::motion::{FitPoints, Motion};
+use super::rigid::{Packed, Rigid};
+use super::sample::{JointPlanes, Sample, dot};
+use super::select::{CANDIDATES, Gram};
+use super::start::{nearest_to, split};
+use super::tracks::Tracks;
+use super::{Influences, Tolerance};
+use crate::error::Result;
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Frames that weights are learned from at first: more teach nothing new.
+const FIRST_FRAMES: usize = 32;
+/// Joints to begin with. Growing from too few ends with more.
+const FIRST_JOINTS: usize = 56;
+/// Joints at most.
+pub const MOST_JOINTS: usize = 160;
+/// Rounds of improvement at most.
+const CYCLES: usize = 6;
+
+/// A skin of the fit points.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// The points.
+    pub points: FitPoints,
+    /// Weights per point.
+    pub influences: Vec<Influences>,
+    /// Joints in all frames.
+    pub tracks: Tracks,
+    /// The frames that weights were learned from.
+    pub sample: Sample,
+    /// Errors that are left.
+    pub error: FitError,
+}
+
+/// Errors of a fit.
+#[derive(Clone, Debug, Default)]
+pub struct FitError {
+    /// Sum over frames of squared errors, per point.
+    pub squares: Vec<f64>,
+    /// Largest squared error over frames, per point.
+    pub worst_square: Vec<f64>,
+    /// Largest error, per frame.
+    pub per_frame: Vec<f64>,
+}
+
+impl FitError {
+    /// Largest error.
+    pub fn worst(&self) -> f64 {
+        self.worst_square.iter().fold(0.0, |a: f64, &b| a.max(b)).sqrt()
+    }
+
+    /// Root mean square.
+    pub fn rms(&self) -> f64 {
+        (self.squares.iter().sum::<f64>() / (self.squares.len() * self.per_frame.len()) as f64).sqrt()
+    }
+
+    fn add(&mut self, settled: &Settled) {
+        self.squares.resize(settled.squares.len(), 0.0);
+        self.worst_square.resize(settled.squares.len(), 0.0);
+        let mut worst = 0f64;
+        for ((sum, most), &e) in self.squares.iter_mut().zip(&mut self.worst_square).zip(&settled.squares) {
+            let e = f64::from(e);
+            *sum += e;
+            *most = most.max(e);
+            worst = worst.max(e);
+        }
+        self.per_frame.push(worst.sqrt());
+    }
+}
+
+/// Fits joints until the points are within `goal`, or as near as the bounds on joints and rounds allow.
+pub fn fit(motion: &Motion<'_>, points: FitPoints, goal: Tolerance) -> Result<Fit> {
+    let frames = motion.farthest_frames(&points, FIRST_FRAMES)?;
+    let mut sample = Sample::read(motion, &points, frames)?;
+    let mut joints = split(&points, &sample, FIRST_JOINTS, goal.rms, motion.cancel)?;
+    let mut emphasis = vec![Emphasis::new(points.len()); sample.len()];
+    let mut tracks: Option<Tracks> = None;
+    let mut best: Option<Fit> = None;
+    for cycle in 0..CYCLES {
+        let rounds = if cycle == 0 { 9 } else { 4 };
+        let (influences, on_sample) = alternate(motion, &points, &sample, &mut joints, &mut emphasis, rounds, goal)?;
+        let begin = match tracks {
+            Some(tracks) => tracks,
+            None => Tracks::of_groups(motion, &points, &dominated(&influences, joints.joints()))?,
+        };
+        let blend = Blend::new(&points.rest, &influences, begin.joints());
+        let mut now = Tracks::new(begin.joints());
+        let mut error = FitError::default();
+        let settle_frame = |f: usize, pose: Vec<DVec3>| settle(&blend, &pose, begin.frame(f), 5, 0.6, goal);
+        motion.each_frame(&points, settle_frame, |_, settled| {
+            now.push(&settled.joints);
+            error.add(&settled);
+        })?;
+        let used = goal.used(error.worst(), error.rms());
+        let better = best.as_ref().is_none_or(|b| used < goal.used(b.error.worst(), b.error.rms()));
+        let result = Fit { points: points.clone(), influences, tracks: now, sample: sample.clone(), error };
+        let (now, error) = if better {
+            let kept = best.insert(result);
+            (kept.tracks.clone(), kept.error.clone())
+        } else {
+            (result.tracks, result.error)
+        };
+        if used <= 1.0 || cycle + 1 == CYCLES {
+            break;
+        }
+        let more_frames = worst_frames(&error, &sample, goal);
+        let fits_sample = goal.used(on_sample.worst() / 0.9, on_sample.rms() / 0.95) <= 1.0;
+        let grown = if fits_sample { None } else { grow(motion, &points, &now, &error, goal)? };
+        if more_frames.is_empty() && grown.is_none() && fits_sample {
+            break;
+        }
+        let next = grown.unwrap_or(now);
+        let mut frames = sample.frames.clone();
+        frames.extend(more_frames);
+        frames.sort_unstable();
+        sample = Sample::read(motion, &points, frames)?;
+        joints = JointPlanes::new(sample.len(), next.joints(), |k, f| next.at(sample.frames[f], k));
+        emphasis = emphasis_of(&sample, &joints, &blend, goal);
+        tracks = Some(next);
+    }
+    best.ok_or_else(|| crate::error::Error::refused("no frame to fit a skin to"))
+}
+
+/// Weights and joints in turn on the sample. Returns the weights and the errors on the sample.
+fn alternate(
+    motion: &Motion<'_>,
+    points: &FitPoints,
+    sample: &Sample,
+    joints: &mut JointPlanes,
+    emphasis: &mut [Emphasis],
+    rounds: usize,
+    goal: Tolerance,
+) -> Result<(Vec<Influences>, FitError)> {
+    let mut influences = Vec::new();
+    let mut error = FitError::default();
+    for _ in 0..rounds {
+        motion.cancel.check()?;
+        influences = weigh(points, sample, joints, emphasis);
+        let blend = Blend::new(&points.rest, &influences, joints.joints());
+        let before = &*joints;
+        let settled: Vec<Settled> = emphasis
+            .par_iter_mut()
+            .enumerate()
+            .map(|(f, emphasis)| {
+                let mut now: Vec<Rigid> = (0..before.joints()).map(|k| before.get(k, f)).collect();
+                let mut left = blend.residuals(&now, &sample.pose(f));
+                blend.sweep(&mut now, &mut left, emphasis.weights());
+                emphasis.follow(&left, goal.rms, 0.4);
+                Settled::new(&now, &left)
+            })
+            .collect();
+        error = FitError::default();
+        for (f, settled) in settled.iter().enumerate() {
+            error.add(settled);
+            for (k, joint) in settled.joints.iter().enumerate() {
+                joints.set(k, f, &Rigid::unpack(joint));
+            }
+        }
+    }
+    Ok((influences, error))
+}
+
+/// Weights of each point over the joints that carry it best.
+fn weigh(points: &FitPoints, sample: &Sample, joints: &JointPlanes, emphasis: &[Emphasis]) -> Vec<Influences> {
+    let weigh_point = |scratch: &mut WeightScratch, (i, &p): (usize, &DVec3)| {
+        let costs = joints.costs(p, sample.point(i), &mut scratch.misses);
+        let candidates = smallest(&costs, CANDIDATES);
+        scratch.emphasis.clear();
+        scratch.emphasis.extend(emphasis.iter().map_while(|e| e.weights().map(|w| (w[i] as f32).sqrt())));
+        scratch.solve(joints, p, sample.point(i), &candidates, true)
+    };
+    points.rest.par_iter().enumerate().map_init(WeightScratch::default, weigh_point).collect()
+}
+
+/// Buffers of the weight solve of one point.
+#[derive(Debug, Default)]
+pub struct WeightScratch {
+    /// Errors of the candidates, one after the other.
+    pub misses: Vec<f32>,
+    /// Square roots of the frames' weights; empty for equal weights.
+    pub emphasis: Vec<f32>,
+}
+
+impl WeightScratch {
+    /// Best at most four of the candidates for a point at `rest` that is at `positions` in the frames of `joints`.
+    pub fn solve(
+        &mut self,
+        joints: &JointPlanes,
+        rest: DVec3,
+        positions: &[f32],
+        candidates: &[usize],
+        swaps: bool,
+    ) -> Influences {
+        let width = positions.len();
+        self.misses.resize(candidates.len() * width, 0.0);
+        for (miss, &k) in self.misses.chunks_exact_mut(width).zip(candidates) {
+            joints.miss(k, rest, positions, miss);
+            for axis in miss.chunks_exact_mut(width / 3) {
+                axis.iter_mut().zip(&self.emphasis).for_each(|(m, e)| *m *= e);
+            }
+        }
+        let of = |a: usize| &self.misses[a * width..(a + 1) * width];
+        let choice = Gram::of(candidates.len(), |a, b| dot(of(a), of(b))).choose(swaps);
+        let mut order: Vec<usize> = (0..choice.count).collect();
+        order.sort_by(|&a, &b| choice.weights[b].total_cmp(&choice.weights[a]).then(a.cmp(&b)));
+        let mut influences = Influences::default();
+        for (place, &a) in order.iter().enumerate() {
+            influences.joints[place] = candidates[choice.members[a]] as u16;
+            influences.weights[place] = choice.weights[a];
+        }
+        influences
+    }
+}
+
+/// Indices of the `count` smallest values, smallest first; ties go to the lower index.
+pub fn smallest(values: &[f64], count: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..values.len()).collect();
+    let by_value = |a: &usize, b: &usize| values[*a].total_cmp(&values[*b]).then(a.cmp(b));
+    if order.len() > count {
+        order.select_nth_unstable_by(count - 1, by_value);
+        order.truncate(count);
+    }
+    order.sort_unstable_by(by_value);
+    order
+}
+
+/// Joints of one frame and what they leave over.
+#[derive(Clone, Debug)]
+pub struct Settled {
+    /// The joints.
+    pub joints: Vec<Packed>,
+    /// Squared error per point.
+    pub squares: Vec<f32>,
+}
+
+impl Settled {
+    fn new(joints: &[Rigid], left: &[DVec3]) -> Self {
+        Self {
+            joints: joints.iter().map(Rigid::pack).collect(),
+            squares: left.iter().map(|r| r.length_squared() as f32).collect(),
+        }
+    }
+}
+
+/// Fits the joints of one frame with fixed weights, the badly carried points gaining weight from round to round; the best round counts.
+pub fn settle(blend: &Blend<'_>, pose: &[DVec3], mut joints: Vec<Rigid>, rounds: usize, gain: f64, goal: Tolerance) -> Settled {
+    let mut left = blend.residuals(&joints, pose);
+    let mut emphasis = Emphasis::new(pose.len());
+    let mut best: Option<(f64, Settled)> = None;
+    for _ in 0..rounds {
+        blend.sweep(&mut joints, &mut left, emphasis.weights());
+        blend.sweep(&mut joints, &mut left, emphasis.weights());
+        let (sum, most) = left.iter().fold((0.0, 0f64), |(s, m), r| {
+            let e = r.length_squared();
+            (s + e, m.max(e))
+        });
+        let used = goal.used(most.sqrt(), (sum / left.len() as f64).sqrt());
+        if best.as_ref().is_none_or(|(b, _)| used < *b) {
+            best = Some((used, Settled::new(&joints, &left)));
+        }
+        emphasis.follow(&left, goal.rms, gain);
+    }
+    best.map_or_else(|| Settled::new(&joints, &left), |(_, settled)| settled)
+}
+
+/// Points by their heaviest joint.
+fn dominated(influences: &[Influences], joints: usize) -> Vec<Vec<u32>> {
+    let mut groups = vec![Vec::new(); joints];
+    for (i, influence) in influences.iter().enumerate() {
+        groups[influence.joints[0] as usize].push(i as u32);
+    }
+    groups
+}
+
+/// The worst frames that are not in the sample yet.
+fn worst_frames(error: &FitError, sample: &Sample, goal: Tolerance) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..error.per_frame.len()).collect();
+    order.retain(|f| error.per_frame[*f] > 0.8 * goal.worst && sample.frames.binary_search(f).is_err());
+    order.sort_by(|&a, &b| error.per_frame[b].total_cmp(&error.per_frame[a]).then(a.cmp(&b)));
+    order.truncate(8);
+    order
+}
+
+/// More joints at the points with the largest errors, spaced apart; `None` when there are as many as allowed.
+fn grow(motion: &Motion<'_>, points: &FitPoints, tracks: &Tracks, error: &FitError, goal: Tolerance) -> Result<Option<Tracks>> {
+    let room = MOST_JOINTS.saturating_sub(tracks.joints());
+    let wanted = (tracks.joints() * 12).div_ceil(100).max(2).min(room);
+    let frames = error.per_frame.len() as f64;
+    let mut merit: Vec<f64> = (0..points.len())
+        .map(|i| error.worst_square[i] / goal.worst.powi(2) + error.squares[i] / frames / goal.rms.powi(2))
+        .collect();
+    let size = (points.len() / (3 * tracks.joints())).max(8);
+    let mut groups = Vec::new();
+    for _ in 0..wanted {
+        let worst = merit.iter().enumerate().fold(0, |best, (i, &m)| if m > merit[best] { i } else { best });
+        if merit[worst] <= 0.0 {
+            break;
+        }
+        let mut near = nearest_to(&points.rest, (0..points.len() as u32).collect(), points.rest[worst], 2 * size);
+        for &i in &near {
+            merit[i as usize] = 0.0;
+        }
+        near.truncate(size);
+        groups.push(near);
+    }
+    if groups.is_empty() { Ok(None) } else { Ok(Some(tracks.with(&Tracks::of_groups(motion, points, &groups)?))) }
+}
+
+/// Emphasis on the sample from the errors of the transforms that the next cycle starts with.
+fn emphasis_of(sample: &Sample, joints: &JointPlanes, blend: &Blend<'_>, goal: Tolerance) -> Vec<Emphasis> {
+    (0..sample.len())
+        .into_par_iter()
+        .map(|f| {
+            let now: Vec<Rigid> = (0..joints.joints()).map(|k| joints.get(k, f)).collect();
+            let left = blend.residuals(&now, &sample.pose(f));
+            let mut emphasis = Emphasis::new(left.len());
+            emphasis.follow(&left, goal.rms, 1.0);
+            emphasis
+        })
+        .collect()
+}

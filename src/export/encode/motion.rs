@@ -1,0 +1,167 @@
+//! The motion that is fitted: points of the spooled poses with the root's motion taken out, and the frames to learn from.
+
+use super::rigid::Rigid;
+use super::spool::Spool;
+use crate::error::Result;
+use crate::export::Cancel;
+use crate::linalg::SparseRow;
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Frames that are in memory at a time.
+const BATCH: usize = 32;
+
+/// Points that are followed: some proxy vertices, then points given as rows over all proxy vertices.
+#[derive(Clone, Debug)]
+pub struct FitPoints {
+    /// Positions at rest.
+    pub rest: Vec<DVec3>,
+    vertices: Vec<u32>,
+    rows: Vec<SparseRow>,
+}
+
+impl FitPoints {
+    /// The given proxy vertices.
+    pub fn new(proxy_rest: &[DVec3], vertices: Vec<u32>) -> Self {
+        Self { rest: vertices.iter().map(|&v| proxy_rest[v as usize]).collect(), vertices, rows: Vec::new() }
+    }
+
+    /// These and more points, as rows with their positions at rest.
+    pub fn with_rows(&self, rows: Vec<SparseRow>, rest: impl IntoIterator<Item = DVec3>) -> Self {
+        let mut more = self.clone();
+        more.rest.truncate(self.vertices.len());
+        more.rest.extend(rest);
+        more.rows = rows;
+        more
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.rest.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.rest.is_empty()
+    }
+
+    /// Proxy vertices among the points; they come first.
+    pub fn vertices(&self) -> &[u32] {
+        &self.vertices
+    }
+
+    fn gather(&self, pose: &[DVec3], root: &Rigid) -> Vec<DVec3> {
+        let vertices = self.vertices.iter().map(|&v| pose[v as usize]);
+        vertices.chain(self.rows.iter().map(|r| r.apply(pose))).map(|q| root.undo(q)).collect()
+    }
+}
+
+/// Spooled poses and the rigid motion of the whole in each.
+#[derive(Debug)]
+pub struct Motion<'a> {
+    /// The poses.
+    pub spool: &'a Spool,
+    /// Motion of the whole body from rest, per frame.
+    pub roots: Vec<Rigid>,
+    /// Stops long work.
+    pub cancel: &'a Cancel,
+}
+
+impl<'a> Motion<'a> {
+    /// Finds the root's motion from all vertices of each pose.
+    pub fn new(spool: &'a Spool, rest: &[DVec3], cancel: &'a Cancel) -> Result<Self> {
+        let mut roots = Vec::with_capacity(spool.frames());
+        in_batches(spool, cancel, |_, poses| {
+            let fit = |pose: &Vec<DVec3>| Rigid::fit(rest.iter().copied().zip(pose.iter().copied()));
+            roots.par_extend(poses.par_iter().map(|pose| fit(pose).unwrap_or(Rigid::IDENTITY)));
+            Ok(())
+        })?;
+        Ok(Self { spool, roots, cancel })
+    }
+
+    /// Number of frames.
+    pub fn frames(&self) -> usize {
+        self.roots.len()
+    }
+
+    /// Gives every frame's points to `work` on all threads, and the results in the order of the frames to `take`.
+    pub fn each_frame<T: Send>(
+        &self,
+        points: &FitPoints,
+        work: impl Fn(usize, Vec<DVec3>) -> T + Sync,
+        mut take: impl FnMut(usize, T),
+    ) -> Result<()> {
+        in_batches(self.spool, self.cancel, |first, poses| {
+            let results: Vec<T> = poses
+                .par_iter()
+                .enumerate()
+                .map(|(k, pose)| work(first + k, points.gather(pose, &self.roots[first + k])))
+                .collect();
+            for (k, result) in results.into_iter().enumerate() {
+                take(first + k, result);
+            }
+            Ok(())
+        })
+    }
+
+    /// Points of one frame.
+    pub fn frame(&self, points: &FitPoints, frame: usize) -> Result<Vec<DVec3>> {
+        let pose = self.spool.read(frame, 1)?;
+        Ok(points.gather(&pose[0], &self.roots[frame]))
+    }
+
+    /// At most `count` frames that differ most, in ascending order: the farthest from the mean pose, then always the farthest from those chosen.
+    pub fn farthest_frames(&self, points: &FitPoints, count: usize) -> Result<Vec<usize>> {
+        if self.frames() <= count {
+            return Ok((0..self.frames()).collect());
+        }
+        // A hundred points tell poses apart; what is kept per frame stays small.
+        let stride = points.len().div_ceil(100).max(1);
+        let mut sketches: Vec<Vec<[f32; 3]>> = Vec::with_capacity(self.frames());
+        let sketch =
+            |_, pose: Vec<DVec3>| -> Vec<[f32; 3]> { pose.iter().step_by(stride).map(|p| p.as_vec3().to_array()).collect() };
+        self.each_frame(points, sketch, |_, s| sketches.push(s))?;
+        let width = sketches[0].len();
+        let mean: Vec<[f32; 3]> = (0..width)
+            .map(|i| {
+                let sum = sketches.iter().fold([0f64; 3], |s, k| std::array::from_fn(|a| s[a] + f64::from(k[i][a])));
+                sum.map(|x| (x / sketches.len() as f64) as f32)
+            })
+            .collect();
+        let distance = |a: &[[f32; 3]], b: &[[f32; 3]]| -> f64 {
+            let square = |(p, q): (&[f32; 3], &[f32; 3])| (0..3).map(|k| f64::from(p[k] - q[k]).powi(2)).sum::<f64>();
+            a.iter().zip(b).map(square).sum()
+        };
+        let mut chosen = vec![farthest(sketches.iter().map(|s| distance(s, &mean)))];
+        let mut nearest = vec![f64::INFINITY; sketches.len()];
+        while chosen.len() < count {
+            self.cancel.check()?;
+            let last = &sketches[chosen[chosen.len() - 1]];
+            nearest.par_iter_mut().zip(&sketches).for_each(|(n, s)| *n = n.min(distance(s, last)));
+            let next = farthest(nearest.iter().copied());
+            if nearest[next] <= 0.0 {
+                break;
+            }
+            chosen.push(next);
+        }
+        chosen.sort_unstable();
+        Ok(chosen)
+    }
+}
+
+/// Reads the spool from end to end.
+pub fn in_batches(spool: &Spool, cancel: &Cancel, mut work: impl FnMut(usize, &[Vec<DVec3>]) -> Result<()>) -> Result<()> {
+    let mut first = 0;
+    while first < spool.frames() {
+        cancel.check()?;
+        let count = BATCH.min(spool.frames() - first);
+        work(first, &spool.read(first, count)?)?;
+        first += count;
+    }
+    Ok(())
+}
+
+/// Index of the first largest value.
+fn farthest(values: impl Iterator<Item = f64>) -> usize {
+    values.enumerate().fold((0, f64::NEG_INFINITY), |best, (i, v)| if v > best.1 { (i, v) } else { best }).0
+}

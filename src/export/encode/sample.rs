@@ -1,0 +1,155 @@
+//! Chosen frames in memory, laid out frame by frame within each point and joint, so that sums over frames run over neighbours.
+
+use super::motion::{FitPoints, Motion};
+use super::rigid::Rigid;
+use crate::error::Result;
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+/// Positions of points in some frames.
+#[derive(Clone, Debug)]
+pub struct Sample {
+    /// The frames, ascending.
+    pub frames: Vec<usize>,
+    /// Per point: x in all frames, then y, then z.
+    positions: Vec<f32>,
+}
+
+impl Sample {
+    /// Reads the frames.
+    pub fn read(motion: &Motion<'_>, points: &FitPoints, frames: Vec<usize>) -> Result<Self> {
+        let count = frames.len();
+        let mut positions = vec![0f32; points.len() * 3 * count];
+        for (f, &frame) in frames.iter().enumerate() {
+            motion.cancel.check()?;
+            for (row, q) in positions.chunks_exact_mut(3 * count).zip(motion.frame(points, frame)?) {
+                for axis in 0..3 {
+                    row[axis * count + f] = q[axis] as f32;
+                }
+            }
+        }
+        Ok(Self { frames, positions })
+    }
+
+    /// Number of frames.
+    pub fn len(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// Whether there is no frame.
+    pub fn is_empty(&self) -> bool {
+        self.frames.is_empty()
+    }
+
+    /// One point: x in all frames, then y, then z.
+    pub fn point(&self, point: usize) -> &[f32] {
+        let width = 3 * self.len();
+        &self.positions[point * width..(point + 1) * width]
+    }
+
+    /// All points in the `f`-th frame.
+    pub fn pose(&self, f: usize) -> Vec<DVec3> {
+        let m = self.len();
+        let at = |row: &[f32]| DVec3::new(row[f].into(), row[m + f].into(), row[2 * m + f].into());
+        self.positions.chunks_exact(3 * m).map(at).collect()
+    }
+}
+
+/// Transforms of joints in the frames of a sample: per joint twelve rows of a 3 × 4 matrix, each over all frames.
+#[derive(Clone, Debug, Default)]
+pub struct JointPlanes {
+    frames: usize,
+    values: Vec<f32>,
+}
+
+impl JointPlanes {
+    /// From transforms per joint and frame.
+    pub fn new(frames: usize, joints: usize, at: impl Fn(usize, usize) -> Rigid) -> Self {
+        let mut planes = Self { frames, values: vec![0.0; joints * 12 * frames] };
+        for k in 0..joints {
+            for f in 0..frames {
+                planes.set(k, f, &at(k, f));
+            }
+        }
+        planes
+    }
+
+    /// Number of joints.
+    pub fn joints(&self) -> usize {
+        self.values.len() / (12 * self.frames)
+    }
+
+    /// Replaces a transform.
+    pub fn set(&mut self, joint: usize, frame: usize, motion: &Rigid) {
+        let m = self.frames;
+        let rows = &mut self.values[joint * 12 * m..(joint + 1) * 12 * m];
+        for axis in 0..3 {
+            for column in 0..3 {
+                rows[(axis * 4 + column) * m + frame] = motion.rotation.col(column)[axis] as f32;
+            }
+            rows[(axis * 4 + 3) * m + frame] = motion.translation[axis] as f32;
+        }
+    }
+
+    /// A transform.
+    pub fn get(&self, joint: usize, frame: usize) -> Rigid {
+        let m = self.frames;
+        let rows = &self.values[joint * 12 * m..(joint + 1) * 12 * m];
+        let at = |axis: usize, column: usize| f64::from(rows[(axis * 4 + column) * m + frame]);
+        let column = |c: usize| DVec3::new(at(0, c), at(1, c), at(2, c));
+        Rigid { rotation: DMat3::from_cols(column(0), column(1), column(2)), translation: column(3) }
+    }
+
+    /// Adds the joints of another table over the same frames.
+    pub fn extend(&mut self, other: &Self) {
+        self.values.extend_from_slice(&other.values);
+    }
+
+    /// How far a joint carries a point past its positions: `out` = x in all frames, then y, then z.
+    pub fn miss(&self, joint: usize, rest: DVec3, positions: &[f32], out: &mut [f32]) {
+        let m = self.frames;
+        let p = rest.as_vec3();
+        let joint_rows = self.values[joint * 12 * m..(joint + 1) * 12 * m].chunks_exact(4 * m);
+        for ((rows, q), out) in joint_rows.zip(positions.chunks_exact(m)).zip(out.chunks_exact_mut(m)) {
+            let (a, rest) = rows.split_at(m);
+            let (b, rest) = rest.split_at(m);
+            let (c, t) = rest.split_at(m);
+            for f in 0..m {
+                out[f] = a[f] * p.x + b[f] * p.y + c[f] * p.z + (t[f] - q[f]);
+            }
+        }
+    }
+
+    /// Sum over frames of the squared miss of every joint at a point.
+    pub fn costs(&self, rest: DVec3, positions: &[f32], scratch: &mut Vec<f32>) -> Vec<f64> {
+        scratch.resize(3 * self.frames, 0.0);
+        (0..self.joints())
+            .map(|k| {
+                self.miss(k, rest, positions, scratch);
+                dot(scratch, scratch)
+            })
+            .collect()
+    }
+
+    /// The joint of least cost for each point, with its cost.
+    pub fn nearest_joints(&self, points: &[DVec3], sample: &Sample) -> Vec<(usize, f64)> {
+        let nearest = |scratch: &mut Vec<f32>, (i, &p): (usize, &DVec3)| {
+            let costs = self.costs(p, sample.point(i), scratch);
+            costs.iter().enumerate().fold((0, f64::INFINITY), |best, (k, &c)| if c < best.1 { (k, c) } else { best })
+        };
+        points.par_iter().enumerate().map_init(Vec::new, nearest).collect()
+    }
+}
+
+/// Scalar product in eight running sums: a fixed order that vectorises.
+pub fn dot(a: &[f32], b: &[f32]) -> f64 {
+    let mut sums = [0f32; 8];
+    let (a8, b8) = (a.chunks_exact(8), b.chunks_exact(8));
+    let tail: f32 = a8.remainder().iter().zip(b8.remainder()).map(|(x, y)| x * y).sum();
+    for (x, y) in a8.zip(b8) {
+        for k in 0..8 {
+            sums[k] += x[k] * y[k];
+        }
+    }
+    sums.iter().map(|&s| f64::from(s)).sum::<f64>() + f64::from(tail)
+}

@@ -1,0 +1,299 @@
+//! The best few joints of a vertex: `min wᵀGw`, `w ≥ 0`, `Σw = 1`, at most four of `w` not zero.
+//!
+//! Since the weights sum to 1, the error of a blend is the blend of its joints' errors, and `G` is the Gram matrix of these errors.
+
+/// Most candidates of a vertex.
+pub const CANDIDATES: usize = 10;
+/// Most influences that are kept: what every player reads.
+pub const INFLUENCES: usize = 4;
+
+/// Gram matrix of the candidates' errors.
+#[derive(Clone, Debug)]
+pub struct Gram {
+    size: usize,
+    g: [[f64; CANDIDATES]; CANDIDATES],
+}
+
+/// Chosen candidates with their weights.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Choice {
+    /// How many.
+    pub count: usize,
+    /// Candidates.
+    pub members: [usize; CANDIDATES],
+    /// Their weights, positive, summing to 1.
+    pub weights: [f64; CANDIDATES],
+    /// `wᵀGw`.
+    pub cost: f64,
+}
+
+impl Gram {
+    /// Of errors given one candidate after the other, each of the same length.
+    pub fn of(size: usize, mut product: impl FnMut(usize, usize) -> f64) -> Self {
+        assert!((1..=CANDIDATES).contains(&size));
+        let mut g = [[0.0; CANDIDATES]; CANDIDATES];
+        for a in 0..size {
+            for b in 0..=a {
+                g[a][b] = product(a, b);
+                g[b][a] = g[a][b];
+            }
+        }
+        // Keeps nearly equal candidates apart and prefers small weights among them.
+        let least = (0..size).map(|a| g[a][a]).fold(f64::INFINITY, f64::min);
+        for (a, row) in g.iter_mut().enumerate().take(size) {
+            row[a] += 1e-5 * least + 1e-14;
+        }
+        Self { size, g }
+    }
+
+    /// The best at most four candidates: all first, then the least useful dropped one after the other, then, with `swaps`, exchanges with unused
+    /// candidates while that helps.
+    pub fn choose(&self, swaps: bool) -> Choice {
+        let mut all = [0; CANDIDATES];
+        for (a, member) in all.iter_mut().enumerate() {
+            *member = a;
+        }
+        let mut best = self.on_simplex(&all[..self.size]);
+        while best.count > INFLUENCES {
+            let mut shorter: Option<Choice> = None;
+            for drop in 0..best.count {
+                let (set, len) = without(&best, drop);
+                let tried = self.on_simplex(&set[..len]);
+                if shorter.is_none_or(|s| tried.cost < s.cost) {
+                    shorter = Some(tried);
+                }
+            }
+            let Some(shorter) = shorter else { break };
+            best = shorter;
+        }
+        if swaps {
+            for _ in 0..3 {
+                if !self.swap_pass(&mut best) {
+                    break;
+                }
+            }
+        }
+        best
+    }
+
+    fn swap_pass(&self, best: &mut Choice) -> bool {
+        let mut changed = false;
+        for other in 0..self.size {
+            if best.members[..best.count].contains(&other) {
+                continue;
+            }
+            let mut candidate: Option<Choice> = None;
+            let places = if best.count < INFLUENCES { best.count..best.count + 1 } else { 0..best.count };
+            let len = places.end;
+            for place in places {
+                let mut set = best.members;
+                set[place] = other;
+                let tried = self.on_simplex(&set[..len]);
+                if candidate.is_none_or(|c| tried.cost < c.cost) {
+                    candidate = Some(tried);
+                }
+            }
+            if let Some(c) = candidate.filter(|c| c.cost < best.cost * (1.0 - 1e-6)) {
+                *best = c;
+                changed = true;
+            }
+        }
+        changed
+    }
+
+    /// The minimum over the simplex of `set`, exact.
+    fn on_simplex(&self, set: &[usize]) -> Choice {
+        // Where the minimum under the sum alone has no negative weight it is the answer.
+        let mut x = [0.0; CANDIDATES];
+        let cost = self.on_plane(set, &mut x);
+        if x[..set.len()].iter().all(|&w| w > 0.0) {
+            let mut choice = Choice { count: set.len(), cost, weights: x, ..Choice::default() };
+            choice.members[..set.len()].copy_from_slice(set);
+            return choice;
+        }
+        self.active_set(set)
+    }
+
+    /// Active-set method from the best single candidate (as Lawson & Hanson's NNLS, on the simplex).
+    fn active_set(&self, set: &[usize]) -> Choice {
+        let len = set.len();
+        let mut inside = [false; CANDIDATES];
+        let mut w = [0.0; CANDIDATES];
+        let mut first = 0;
+        for a in 1..len {
+            if self.g[set[a]][set[a]] < self.g[set[first]][set[first]] {
+                first = a;
+            }
+        }
+        inside[first] = true;
+        w[first] = 1.0;
+        for _ in 0..6 * CANDIDATES {
+            let mut slope = [0.0; CANDIDATES];
+            let mut level = 0.0;
+            for a in 0..len {
+                slope[a] = (0..len).map(|b| self.g[set[a]][set[b]] * w[b]).sum();
+                level += slope[a] * w[a];
+            }
+            let mut enter = None;
+            let mut least = -1e-9 * level.abs() - 1e-30;
+            for a in 0..len {
+                if !inside[a] && slope[a] - level < least {
+                    least = slope[a] - level;
+                    enter = Some(a);
+                }
+            }
+            let Some(enter) = enter else { break };
+            inside[enter] = true;
+            self.walk_to_plane(set, &mut inside, &mut w);
+        }
+        let mut choice = Choice::default();
+        for a in 0..len {
+            if w[a] > 0.0 {
+                choice.members[choice.count] = set[a];
+                choice.weights[choice.count] = w[a];
+                choice.count += 1;
+            }
+            choice.cost += (0..len).map(|b| self.g[set[a]][set[b]] * w[b] * w[a]).sum::<f64>();
+        }
+        choice
+    }
+
+    /// Moves `w` to the minimum under the sum over the members inside, letting go of those that would become negative on the way.
+    fn walk_to_plane(&self, set: &[usize], inside: &mut [bool; CANDIDATES], w: &mut [f64; CANDIDATES]) {
+        for _ in 0..2 * CANDIDATES {
+            let mut members = [0; CANDIDATES];
+            let mut places = [0; CANDIDATES];
+            let mut count = 0;
+            for a in 0..set.len() {
+                if inside[a] {
+                    members[count] = set[a];
+                    places[count] = a;
+                    count += 1;
+                }
+            }
+            let mut x = [0.0; CANDIDATES];
+            self.on_plane(&members[..count], &mut x);
+            let mut step = 1.0;
+            let mut leaves = None;
+            for a in 0..count {
+                if x[a] <= 0.0 {
+                    let t = w[places[a]] / (w[places[a]] - x[a]);
+                    if leaves.is_none() || t < step {
+                        step = t;
+                        leaves = Some(places[a]);
+                    }
+                }
+            }
+            for a in 0..count {
+                w[places[a]] += step * (x[a] - w[places[a]]);
+            }
+            let Some(leaves) = leaves else { break };
+            w[leaves] = 0.0;
+            inside[leaves] = false;
+        }
+    }
+
+    /// The minimum over `Σw = 1` alone: `w ∝ G⁻¹1`, by Cholesky. Returns the cost.
+    fn on_plane(&self, set: &[usize], w: &mut [f64; CANDIDATES]) -> f64 {
+        let n = set.len();
+        let mut l = [[0.0; CANDIDATES]; CANDIDATES];
+        for a in 0..n {
+            for b in 0..=a {
+                let mut sum = self.g[set[a]][set[b]];
+                for k in 0..b {
+                    sum -= l[a][k] * l[b][k];
+                }
+                l[a][b] = if a == b { sum.max(1e-30).sqrt() } else { sum / l[b][b] };
+            }
+        }
+        for a in 0..n {
+            let mut sum = 1.0;
+            for k in 0..a {
+                sum -= l[a][k] * w[k];
+            }
+            w[a] = sum / l[a][a];
+        }
+        for a in (0..n).rev() {
+            let mut sum = w[a];
+            for k in a + 1..n {
+                sum -= l[k][a] * w[k];
+            }
+            w[a] = sum / l[a][a];
+        }
+        let total: f64 = w[..n].iter().sum();
+        for x in &mut w[..n] {
+            *x /= total;
+        }
+        1.0 / total
+    }
+}
+
+fn without(choice: &Choice, drop: usize) -> ([usize; CANDIDATES], usize) {
+    let mut set = choice.members;
+    set.copy_within(drop + 1..choice.count, drop);
+    (set, choice.count - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn errors(seed: u64, candidates: usize) -> Vec<Vec<f64>> {
+        let mut state = seed * 2 + 1;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 11) as f64 / (1u64 << 53) as f64 - 0.4
+        };
+        (0..candidates).map(|_| (0..30).map(|_| next()).collect()).collect()
+    }
+
+    fn gram(errors: &[Vec<f64>]) -> Gram {
+        Gram::of(errors.len(), |a, b| errors[a].iter().zip(&errors[b]).map(|(x, y)| x * y).sum())
+    }
+
+    #[test]
+    fn the_simplex_minimum_satisfies_its_optimality_conditions() {
+        for seed in 0..200 {
+            let e = errors(seed, 8);
+            let g = gram(&e);
+            let set: Vec<usize> = (0..8).collect();
+            for best in [g.on_simplex(&set), g.active_set(&set)] {
+                let mut w = [0.0; 8];
+                for k in 0..best.count {
+                    w[best.members[k]] = best.weights[k];
+                }
+                assert!((w.iter().sum::<f64>() - 1.0).abs() < 1e-9);
+                for a in 0..8 {
+                    let slope: f64 = (0..8).map(|b| g.g[a][b] * w[b]).sum();
+                    assert!(slope >= best.cost * (1.0 - 1e-6), "seed {seed}: {slope} {}", best.cost);
+                    assert!(w[a] == 0.0 || slope <= best.cost * (1.0 + 1e-6));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_blend_of_three_is_found_among_ten() {
+        let mut e = errors(7, 10);
+        let blend: Vec<f64> = (0..30).map(|i| -(0.5 * e[1][i] + 0.2 * e[4][i]) / 0.3).collect();
+        e[6] = blend;
+        let best = gram(&e).choose(true);
+        let mut found: Vec<(usize, f64)> = (0..best.count).map(|k| (best.members[k], best.weights[k])).collect();
+        found.sort_by_key(|f| f.0);
+        found.retain(|f| f.1 > 1e-3);
+        assert_eq!(found.iter().map(|f| f.0).collect::<Vec<_>>(), [1, 4, 6]);
+        for (f, w) in found.iter().zip([0.5, 0.2, 0.3]) {
+            assert!((f.1 - w).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn at_most_four_and_swaps_never_cost() {
+        for seed in 0..100 {
+            let g = gram(&errors(seed, 10));
+            let (plain, swapped) = (g.choose(false), g.choose(true));
+            assert!(plain.count <= 4 && swapped.count <= 4);
+            assert!(swapped.cost <= plain.cost * (1.0 + 1e-12));
+        }
+    }
+}

@@ -1,0 +1,199 @@
+//! A skin in the numbers that a file holds, and the skinning matrices that a player makes of them.
+
+use super::Influences;
+use super::motion::Motion;
+use super::tracks::Tracks;
+use glam::{DMat3, DQuat, DVec3};
+use rayon::prelude::*;
+
+/// From the unit box to the coordinates of the file: `u · scale + shift`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FileSpace {
+    /// Length of the diagonal in the file's unit.
+    pub scale: f64,
+    /// Where the centre of the box is in the file.
+    pub shift: DVec3,
+}
+
+impl FileSpace {
+    /// Coordinates of the file.
+    pub fn leave(&self, u: DVec3) -> DVec3 {
+        u * self.scale + self.shift
+    }
+}
+
+/// Node 0 is the root, which carries the motion of the whole; nodes 1 and up are its children, the joints of the fit in their order.
+/// No vertex hangs on node 0.
+#[derive(Clone, Debug)]
+pub struct Skin {
+    /// Where nodes are at rest, in the file's coordinates; they have no rotation there. Rest is the pose of binding.
+    pub pivots: Vec<[f32; 3]>,
+    /// Translation from the root to each node at rest; for the root, from the origin.
+    pub rest_translations: Vec<[f32; 3]>,
+    /// Rotation of each node in its parent, frame after frame: x, y, z, w in units of 1/32767.
+    pub rotations: Vec<[i16; 4]>,
+    /// Translation of each node in its parent, frame after frame.
+    pub translations: Vec<[f32; 3]>,
+    /// Four nodes per vertex, heaviest first, 0 where the weight is 0.
+    pub joints: Vec<[u16; 4]>,
+    /// Their weights in units of 1/65535; each four sum to 65535.
+    pub weights: Vec<[u16; 4]>,
+}
+
+/// `x ↦ linear · x + offset` in the file's coordinates.
+#[derive(Clone, Copy, Debug)]
+pub struct Matrix {
+    /// Columns of the linear part.
+    pub linear: DMat3,
+    /// Added after it.
+    pub offset: DVec3,
+}
+
+impl Skin {
+    /// Rounds a fitted skin. `rest`: vertices at rest in the unit box, as many as `influences`.
+    ///
+    /// Pivots lie in the middle of their joint's weights: between two keys a player interpolates rotation and translation each for itself, and far
+    /// from the pivot the two would not fit together.
+    pub fn new(motion: &Motion<'_>, tracks: &Tracks, rest: &[DVec3], influences: &[Influences], space: FileSpace) -> Self {
+        let middle = rest.iter().sum::<DVec3>() / rest.len().max(1) as f64;
+        let mut sums = vec![(DVec3::ZERO, 0.0); tracks.joints()];
+        for (&p, influence) in rest.iter().zip(influences) {
+            for (k, w) in influence.iter() {
+                sums[k].0 += p * (w * w);
+                sums[k].1 += w * w;
+            }
+        }
+        let pivots: Vec<DVec3> =
+            std::iter::once(middle).chain(sums.iter().map(|&(s, w)| if w > 0.0 { s / w } else { middle })).collect();
+        let local = |k: usize| (pivots[k] - middle) * space.scale;
+        let mut skin = Self {
+            pivots: pivots.iter().map(|&p| space.leave(p).as_vec3().to_array()).collect(),
+            rest_translations: (0..pivots.len())
+                .map(|k| if k == 0 { space.leave(middle) } else { local(k) }.as_vec3().to_array())
+                .collect(),
+            rotations: Vec::with_capacity(pivots.len() * tracks.frames()),
+            translations: Vec::with_capacity(pivots.len() * tracks.frames()),
+            joints: vec![[0; 4]; influences.len()],
+            weights: vec![[0; 4]; influences.len()],
+        };
+        for f in 0..tracks.frames() {
+            let root = motion.roots[f];
+            skin.push_key(f, DQuat::from_mat3(&root.rotation), space.leave(root.apply(middle)));
+            for (k, joint) in tracks.frame(f).iter().enumerate() {
+                let place = (joint.apply(pivots[k + 1]) - middle) * space.scale;
+                skin.push_key(f, DQuat::from_mat3(&joint.rotation), place);
+            }
+        }
+        skin.joints.par_iter_mut().zip(&mut skin.weights).zip(influences).for_each(|((joints, weights), influence)| {
+            (*joints, *weights) = round(influence);
+        });
+        skin
+    }
+
+    /// Number of nodes, the root included.
+    pub fn nodes(&self) -> usize {
+        self.pivots.len()
+    }
+
+    /// Number of frames.
+    pub fn frames(&self) -> usize {
+        self.rotations.len() / self.nodes()
+    }
+
+    /// Replaces the weights of a vertex.
+    pub fn set_influences(&mut self, vertex: usize, influences: &Influences) {
+        (self.joints[vertex], self.weights[vertex]) = round(influences);
+    }
+
+    /// What a vertex hangs on, as written, in joints of the fit.
+    pub fn influences(&self, vertex: usize) -> Influences {
+        let mut influences = Influences::default();
+        for k in 0..4 {
+            influences.joints[k] = self.joints[vertex][k].saturating_sub(1);
+            influences.weights[k] = f64::from(self.weights[vertex][k]) / 65535.0;
+        }
+        influences
+    }
+
+    /// The nodes' skinning matrices of a frame, decoded.
+    pub fn matrices(&self, frame: usize) -> Vec<Matrix> {
+        let nodes = self.nodes();
+        let local = |k: usize| {
+            let at = frame * nodes + k;
+            let [x, y, z, w] = self.rotations[at].map(|c| (f64::from(c) / 32767.0).max(-1.0));
+            let [a, b, c] = self.translations[at].map(f64::from);
+            Matrix { linear: DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize()), offset: DVec3::new(a, b, c) }
+        };
+        let root = local(0);
+        (0..nodes)
+            .map(|k| {
+                let global = if k == 0 {
+                    root
+                } else {
+                    let joint = local(k);
+                    Matrix { linear: root.linear * joint.linear, offset: root.linear * joint.offset + root.offset }
+                };
+                let [a, b, c] = self.pivots[k].map(f64::from);
+                Matrix { linear: global.linear, offset: global.offset - global.linear * DVec3::new(a, b, c) }
+            })
+            .collect()
+    }
+
+    fn push_key(&mut self, frame: usize, rotation: DQuat, translation: DVec3) {
+        let unit = rotation.normalize().to_array();
+        let mut key = unit.map(|c| (c * 32767.0).round() as i16);
+        if frame > 0 {
+            // Both signs are the same rotation; a player goes the short way only between neighbours of one sign.
+            let before = self.rotations[self.rotations.len() - self.nodes()];
+            let along: i64 = key.iter().zip(before).map(|(&a, b)| i64::from(a) * i64::from(b)).sum();
+            if along < 0 {
+                key = key.map(|c| -c);
+            }
+        }
+        self.rotations.push(key);
+        self.translations.push(translation.as_vec3().to_array());
+    }
+}
+
+/// Weights in steps of 1/65535 that sum to 65535 (largest remainder), heaviest first, and the nodes they belong to.
+fn round(influences: &Influences) -> ([u16; 4], [u16; 4]) {
+    let total: f64 = influences.weights.iter().sum();
+    let exact = influences.weights.map(|w| w / total * 65535.0);
+    let mut whole = exact.map(|w| w.floor() as u32);
+    let mut order = [0, 1, 2, 3];
+    order.sort_by(|&a: &usize, &b| exact[b].fract().total_cmp(&exact[a].fract()).then(a.cmp(&b)));
+    let missing = 65535u32.saturating_sub(whole.iter().sum());
+    for &k in order.iter().cycle().filter(|&&k| exact[k] > 0.0).take(missing as usize) {
+        whole[k] += 1;
+    }
+    order = [0, 1, 2, 3];
+    order.sort_by(|&a, &b| whole[b].cmp(&whole[a]).then(a.cmp(&b)));
+    let weights = order.map(|k| whole[k] as u16);
+    let nodes = order.map(|k| if whole[k] > 0 { influences.joints[k] + 1 } else { 0 });
+    (nodes, weights)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rounded_weights_sum_to_one_and_descend() {
+        for seed in 0..500u32 {
+            let x = |k: u32| f64::from((seed * 7919 + k * 104729) % 1000) / 1000.0 * f64::from(seed % (k + 2) + k % 2);
+            let raw = [x(0) + 1e-3, x(1), x(2), x(3)];
+            let total: f64 = raw.iter().sum();
+            let influences = Influences { joints: [3, 9, 12, 40], weights: raw.map(|w| w / total) };
+            let (nodes, weights) = round(&influences);
+            assert_eq!(weights.iter().map(|&w| u32::from(w)).sum::<u32>(), 65535);
+            assert!(weights.is_sorted_by(|a, b| a >= b));
+            for k in 0..4 {
+                assert_eq!(weights[k] == 0, nodes[k] == 0);
+                if weights[k] > 0 {
+                    let from = influences.joints.iter().position(|&j| j + 1 == nodes[k]).unwrap();
+                    assert!((f64::from(weights[k]) / 65535.0 - influences.weights[from]).abs() < 2e-5);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,159 @@
+//! The bytes of a mesh file, unpacked, and which format they are.
+
+use crate::error::{Error, Kind, Result};
+use flate2::bufread::MultiGzDecoder;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+/// The formats that can be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Format {
+    /// Wavefront OBJ.
+    Obj,
+    /// Stanford PLY.
+    Ply,
+    /// Stereolithography, ascii or binary.
+    Stl,
+}
+
+/// Largest content in bytes: corner and vertex numbers are 32-bit, and no format needs less than one byte for one.
+const LARGEST: u64 = u32::MAX as u64;
+
+/// Unpacked bytes per packed byte above which a gzip file is refused. Meshes reach 3 to 30; deflate itself can reach 1030.
+const LARGEST_RATIO: u64 = 100;
+
+/// Unpacked bytes that are always allowed: a small file may well consist of repetitions.
+const ALWAYS_ALLOWED: u64 = 64 << 20;
+
+/// The content of `path`; gzip is recognised by its signature and unpacked.
+///
+/// Errors: unreadable, larger than 4 GiB, damaged gzip, or a gzip that unpacks to an absurd size.
+pub(super) fn load(path: &Path) -> Result<Vec<u8>> {
+    let unreadable = |e: std::io::Error| Error::unreadable(path, &e);
+    let file = File::open(path).map_err(unreadable)?;
+    if file.metadata().map_err(unreadable)?.is_dir() {
+        return Err(Error::new(Kind::Unreadable, "is a folder")
+            .file(path)
+            .expected("a mesh file: .obj, .ply or .stl, also as .gz"));
+    }
+    let mut bytes = Vec::new();
+    file.take(LARGEST + 1).read_to_end(&mut bytes).map_err(unreadable)?;
+    if bytes.len() as u64 > LARGEST {
+        return Err(too_large().file(path));
+    }
+    if bytes.starts_with(&[0x1f, 0x8b]) { unpack(&bytes).map_err(|e| e.file(path)) } else { Ok(bytes) }
+}
+
+fn too_large() -> Error {
+    Error::new(Kind::Unsupported, "more than 4 GiB of mesh data").expected("at most 4 GiB")
+}
+
+fn unpack(packed: &[u8]) -> Result<Vec<u8>> {
+    let allowed = (ALWAYS_ALLOWED + LARGEST_RATIO * packed.len() as u64).min(LARGEST);
+    let mut bytes = Vec::new();
+    let outcome = MultiGzDecoder::new(packed).take(allowed + 1).read_to_end(&mut bytes);
+    if bytes.len() as u64 > allowed {
+        if allowed == LARGEST {
+            return Err(too_large());
+        }
+        return Err(Error::refused(format!("gzip data of {} bytes unpacks to more than {allowed} bytes", packed.len()))
+            .expected(format!("a mesh, which gzip seldom packs by more than 30 : 1 (limit {LARGEST_RATIO} : 1)"))
+            .hint("unpack it yourself if it really is a mesh"));
+    }
+    outcome
+        .map_err(|e| Error::malformed(format!("damaged gzip data: {e}")).at(format!("after {} unpacked bytes", bytes.len())))?;
+    Ok(bytes)
+}
+
+/// The format of `bytes`: by signature first, then by the extension of `path` (without `.gz`), then by content.
+///
+/// Errors: a known other format, or nothing that is known.
+pub(super) fn format(path: &Path, bytes: &[u8]) -> Result<Format> {
+    let foreign: [(&[u8], &str); 8] = [
+        (b"glTF", "a GLB file"),
+        (b"Kaydara FBX", "an FBX file"),
+        (b"\x89PNG", "a PNG image"),
+        (b"\xff\xd8\xff", "a JPEG image"),
+        (b"PK\x03\x04", "a zip archive (or USDZ, 3MF, XLSX)"),
+        (b"BLENDER", "a Blender file"),
+        (b"OFF", "an OFF file"),
+        (b"PXR-USDC", "a USD file"),
+    ];
+    if let Some((_, what)) = foreign.iter().find(|(signature, _)| bytes.starts_with(signature)) {
+        return Err(unknown(path, what));
+    }
+    if super::ply::is_ply(bytes) {
+        return Ok(Format::Ply);
+    }
+    let extension = extension(path);
+    match extension.as_str() {
+        "obj" if super::stl::is_exact_binary(bytes) => Ok(Format::Stl),
+        "obj" => Ok(Format::Obj),
+        "stl" => Ok(Format::Stl),
+        "ply" => Err(Error::malformed("does not begin with the line 'ply'").file(path).at("line 1").expected("a PLY file")),
+        _ if super::stl::is_exact_binary(bytes) || bytes.starts_with(b"solid") => Ok(Format::Stl),
+        _ if looks_like_obj(bytes) => Ok(Format::Obj),
+        _ => Err(unknown(path, "not a known mesh format")),
+    }
+}
+
+fn unknown(path: &Path, what: &str) -> Error {
+    Error::new(Kind::Unsupported, what)
+        .file(path)
+        .expected("a mesh file: .obj, .ply or .stl, also as .gz")
+        .hint("convert it to one of these")
+}
+
+/// The extension in lower case, without a final `.gz`.
+fn extension(path: &Path) -> String {
+    let lower = |p: &Path| p.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    match lower(path).as_str() {
+        "gz" => path.file_stem().map(|stem| lower(Path::new(stem))).unwrap_or_default(),
+        other => other.to_owned(),
+    }
+}
+
+fn looks_like_obj(bytes: &[u8]) -> bool {
+    let head = &bytes[..bytes.len().min(1 << 16)];
+    !head.contains(&0) && head.split(|b| matches!(b, b'\n' | b'\r')).any(|line| line.trim_ascii_start().starts_with(b"v "))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use std::io::Write;
+
+    fn gzip(bytes: &[u8]) -> Vec<u8> {
+        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
+        encoder.write_all(bytes).unwrap();
+        encoder.finish().unwrap()
+    }
+
+    #[test]
+    fn a_gzip_bomb_is_refused_and_a_repetitive_mesh_is_not() {
+        let bomb = gzip(&vec![b' '; (ALWAYS_ALLOWED + (20 << 20)) as usize]);
+        assert_eq!(unpack(&bomb).unwrap_err().kind, Kind::Refused);
+        let small = vec![b' '; 1 << 20];
+        assert_eq!(unpack(&gzip(&small)).unwrap(), small);
+    }
+
+    #[test]
+    fn a_gzip_cut_short_is_an_error() {
+        let packed = gzip(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+        assert!(unpack(&packed).is_ok());
+        assert_eq!(unpack(&packed[..packed.len() - 5]).unwrap_err().kind, Kind::Malformed);
+    }
+
+    #[test]
+    fn signature_beats_extension_beats_guess() {
+        let kind = |name: &str, bytes: &[u8]| format(Path::new(name), bytes);
+        assert_eq!(kind("a.obj", b"ply\nformat").unwrap(), Format::Ply);
+        assert_eq!(kind("a.OBJ.gz", b"v 0 0 0").unwrap(), Format::Obj);
+        assert_eq!(kind("a.stl", b"solid").unwrap(), Format::Stl);
+        assert_eq!(kind("a", b"# x\nv 0 0 0").unwrap(), Format::Obj);
+        assert_eq!(kind("a.ply", b"solid").unwrap_err().kind, Kind::Malformed);
+        assert!(kind("a.obj", b"\x89PNG\r\n").unwrap_err().found.contains("PNG"));
+    }
+}
