@@ -8,7 +8,7 @@
 //!
 //! Source: Stoll, de Aguiar, Theobalt, Seidel: *A volumetric approach to interactive shape editing*, MPI-I-2007-4-004. Their alternation of a linear
 //! solve and a rotation update is [`Options::iterations`]; two or three of them lag visibly behind the handles, so the default runs to the minimum: it
-//! predicts linearly, completes the linear step by a coarse level ([`coarse`]), accelerates ([`anderson`]) and never lets the energy rise.
+//! predicts linearly, completes the linear step by a coarse level, accelerates and never lets the energy rise.
 
 mod anderson;
 mod coarse;
