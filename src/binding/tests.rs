@@ -361,3 +361,26 @@ fn arms_below_the_scans_are_measured() {
         assert!((found.arm_elevation(&skeleton, side) + 57.3).abs() < 4.0);
     }
 }
+
+#[test]
+fn a_belt_marker_on_a_folding_belly_is_held_softly() {
+    let person = person(0.75);
+    let mut words = PLUG_IN_GAIT.to_vec();
+    words.push("MFWT");
+    let labels = labels_of(&words);
+    let seen = landmarks_of(&person, &labels);
+    let skeleton = Skeleton::of(&person.body);
+    let frames: Vec<Vec<DVec3>> = (0..20)
+        .map(|k| {
+            let swing = f64::from(k) * 0.05;
+            let mut frame = fit::simulate(&skeleton, &seen, &[(Segment::LeftThigh, DVec3::X * -swing)], &[]);
+            if let Some(belt) = frame.last_mut().filter(|_| k > 10) {
+                *belt -= skeleton.forward * 0.1 * skeleton.stature * swing;
+            }
+            frame
+        })
+        .collect();
+    let binding = bound(&person, &take(&person, &labels, &frames, 0.4, 0.5), &Options::default()).unwrap();
+    let soft: Vec<&str> = binding.handles.iter().filter(|h| h.beta < 1.0).map(|h| h.label.as_str()).collect();
+    assert_eq!(soft, ["MFWT"]);
+}
