@@ -384,3 +384,30 @@ fn a_belt_marker_on_a_folding_belly_is_held_softly() {
     let soft: Vec<&str> = binding.handles.iter().filter(|h| h.beta < 1.0).map(|h| h.label.as_str()).collect();
     assert_eq!(soft, ["MFWT"]);
 }
+
+#[test]
+fn a_lower_body_set_binds_legs_and_pelvis_and_says_so() {
+    let person = person(0.75);
+    let labels = labels_of(&PLUG_IN_GAIT[19..]);
+    let seen = landmarks_of(&person, &labels);
+    let skeleton = Skeleton::of(&person.body);
+    let turns = [(Segment::LeftThigh, DVec3::X * -0.3), (Segment::LeftShank, DVec3::X * 0.4)];
+    let frame = fit::simulate(&skeleton, &seen, &turns, &[]);
+    let binding = bound(&person, &take(&person, &labels, &[frame], 0.4, 0.5), &Options::default()).unwrap();
+    assert_eq!(binding.handles.len(), 16);
+    assert!(worst(&person, &labels, &binding) < 0.03, "{}", worst(&person, &labels, &binding));
+    assert!(binding.notes.iter().any(|n| n.starts_with("no upper-body markers")));
+}
+
+#[test]
+fn legs_much_longer_than_the_scans_are_named() {
+    let person = person(0.75);
+    let labels = labels_of(&PLUG_IN_GAIT);
+    let seen = landmarks_of(&person, &labels);
+    let skeleton = Skeleton::of(&person.body);
+    let ratios = [(Ratio::Thigh, 1.3), (Ratio::Shank, 1.3)];
+    let frame = fit::simulate(&skeleton, &seen, &[], &ratios);
+    let binding = bound(&person, &take(&person, &labels, &[frame], 0.4, 0.5), &Options::default()).unwrap();
+    let note = binding.notes.iter().find(|n| n.starts_with("actor and scan differ in build")).unwrap();
+    assert!(note.contains("thigh 1."), "{note}");
+}
