@@ -364,9 +364,7 @@ impl Mapper {
         }
         if self.needs.normals {
             batch.normals.resize_with(frames, Vec::new);
-            for (points, normals) in batch.points.iter().zip(&mut batch.normals) {
-                self.normal_vertices.compute(&self.header.scan, points, normals);
-            }
+            self.normal_vertices.compute_frames(&self.header.scan, &batch.points[..frames], &mut batch.normals);
         }
         batch.map_ms = start.elapsed().as_secs_f64() * 1e3;
     }

@@ -12,8 +12,6 @@ use glam::DVec3;
 #[derive(Clone, Debug)]
 pub(crate) struct Actor {
     pub up: Known<Axis>,
-    /// Component of the mean foot-to-trunk direction along `up`; `None` where the labels do not tell.
-    pub up_confidence: Option<f64>,
     pub unit: Option<Known<Unit>>,
     /// Height in the capture's unit.
     pub stature: Option<f64>,
@@ -48,11 +46,11 @@ const SAMPLES: usize = 300;
 /// Reads the actor off the motion. Errors are refusals that name the option which decides.
 pub(crate) fn read(track: &Track<'_>, names: &Names, space: &Space, options: &Options, notes: &mut Notes) -> Result<Actor> {
     let frames = track.sample(SAMPLES);
-    let (up, up_confidence) = find_up(track, names, &frames, space, options, notes)?;
+    let up = find_up(track, names, &frames, space, options, notes)?;
     let vector = up.value.vector();
     let stature = find_stature(track, names, &frames, vector);
     let unit = find_unit(stature, space, options, notes);
-    let mut actor = Actor { up, up_confidence, unit, stature, sides: None, facing_agreement: 0.0 };
+    let mut actor = Actor { up, unit, stature, sides: None, facing_agreement: 0.0 };
     (actor.sides, actor.facing_agreement) = find_sides(track, names, &frames, vector);
     Ok(actor)
 }
@@ -64,7 +62,7 @@ fn find_up(
     space: &Space,
     options: &Options,
     notes: &mut Notes,
-) -> Result<(Known<Axis>, Option<f64>)> {
+) -> Result<Known<Axis>> {
     let high = |p: &Place| matches!(p.part, Part::Head | Part::Trunk | Part::Shoulder | Part::Pelvis);
     let low = |p: &Place| matches!(p.part, Part::Shank | Part::Foot);
     let mut sum = DVec3::ZERO;
@@ -87,11 +85,10 @@ fn find_up(
         (axis, mean.dot(axis.vector()))
     });
     if let Some(axis) = options.capture_up {
-        return Ok((Known::new(axis, Evidence::User), measured.map(|m| m.1)));
+        return Ok(Known::new(axis, Evidence::User));
     }
     let Some((axis, confidence)) = measured else {
-        let known = space.up.unwrap_or(Known::new(Axis { index: 2, negative: false }, Evidence::Default));
-        return Ok((known, None));
+        return Ok(space.up.unwrap_or(Known::new(Axis { index: 2, negative: false }, Evidence::Default)));
     };
     if confidence < 0.5 {
         let error = Error::refused(format!(
@@ -113,7 +110,7 @@ fn find_up(
         }
         None => Evidence::Shape,
     };
-    Ok((Known::new(axis, how), Some(confidence)))
+    Ok(Known::new(axis, how))
 }
 
 fn find_stature(track: &Track<'_>, names: &Names, frames: &[usize], up: DVec3) -> Option<f64> {
@@ -192,12 +189,7 @@ fn same_piece(a: &Place, b: &Place) -> bool {
     a.part == b.part && (a.part != Part::Foot || a.side == b.side)
 }
 
-/// Facing of the actor in a frame, a unit vector across `up`: the mean of all front-minus-back directions.
-pub(crate) fn facing(track: &Track<'_>, names: &Names, frame: usize, up: DVec3) -> Option<DVec3> {
-    let votes = front_votes(track, names, frame, up);
-    votes.iter().sum::<DVec3>().try_normalize()
-}
-
+/// Directions across `up` from markers at the back to markers at the front of one piece of the body.
 fn front_votes(track: &Track<'_>, names: &Names, frame: usize, up: DVec3) -> Vec<DVec3> {
     let mut votes = Vec::new();
     for (i, a) in names.iter() {

@@ -21,7 +21,7 @@ const ALIKE: f64 = 0.015;
 /// The same beyond which the reference frame is not the scan's pose in any way.
 const FAR_POSE: f64 = 0.15;
 /// The same beyond which the pose is worth a word.
-const OTHER_POSE: f64 = 0.06;
+const OTHER_POSE: f64 = 0.05;
 /// Median and 90th percentile of the fit's residuals, in statures: fine up to the first pair, refused beyond the second.
 const GOOD: (f64, f64) = (0.025, 0.06);
 const BEARABLE: (f64, f64) = (0.04, 0.09);
@@ -196,13 +196,12 @@ impl Human<'_> {
             Align::Auto => Align::Pose,
             chosen => chosen,
         };
-        self.warn_of_pose(&chosen, &mut notes);
-
         let fit = self.fit(posed, &landed, &chosen);
         let mut fit = Fitted { fit, landed: &landed, chosen: &chosen };
         if let Some(scale) = held.scale {
             fit.fit.resize(chosen.upright.placement.scale / scale);
         }
+        self.warn_of_pose(&fit, still.is_some(), &mut notes);
         self.check_fit(posed, &fit, &mut notes)?;
         let mut binding = self.attach(posed, still.is_some(), &actor, &fit, align, held, factor, notes)?;
         let diagonal = self.scan.unit_box.diagonal;
@@ -274,16 +273,27 @@ impl Human<'_> {
             .collect()
     }
 
-    fn warn_of_pose(&self, chosen: &Chosen, notes: &mut Notes) {
-        let percent = 100.0 * chosen.rms;
-        let words = if chosen.rms > FAR_POSE {
-            format!("no frame is close to the scan's pose (best {percent:.1} % of height): wrists may be twisted")
-        } else if chosen.rms > OTHER_POSE && self.options.reference == Reference::Auto {
-            format!("the capture never shows the scan's pose (nearest frame {percent:.1} % of height away)")
-        } else {
+    /// Says how the actor's nearest pose differs from the scan's, where it does.
+    fn warn_of_pose(&self, fitted: &Fitted<'_>, apart: bool, notes: &mut Notes) {
+        let rms = fitted.chosen.rms;
+        if rms <= OTHER_POSE {
             return;
-        };
-        notes.warn(format!("{words}; a trial in the scan's pose can be given with --ref-file"));
+        }
+        let bent: Vec<String> = fitted
+            .fit
+            .bends(self.skeleton)
+            .into_iter()
+            .map(|(segment, angle)| format!("{} {angle:.0}°", segment.name()))
+            .collect();
+        let bent = if bent.is_empty() { String::new() } else { format!("; against the scan: {}", bent.join(", ")) };
+        let what = if self.options.reference == Reference::Auto { "nearest frame" } else { "reference frame" };
+        let source = if apart { "the reference capture" } else { "the take" };
+        let twist = if rms > FAR_POSE { ", wrists may be twisted" } else { "" };
+        let hint = if apart { "" } else { "; --ref-file takes a static trial of the same markers" };
+        notes.warn(format!(
+            "{source} never shows the scan's pose ({what} {:.1} % of height away{bent}): attachment points go through the fitted pose{twist}{hint}",
+            100.0 * rms
+        ));
     }
 
     fn fit(&self, posed: &Take<'_>, landed: &[Landed], chosen: &Chosen) -> Fit {
@@ -350,6 +360,8 @@ impl Human<'_> {
         let unnamed: Vec<usize> = (0..take.track.take.markers()).filter(|&i| take.names.places[i].is_none()).collect();
         let assigned = clusters::assign(&take.track, &take.names, &unnamed, &frames, stature);
 
+        let strays = clusters::strays(&take.track, &take.names, &frames, stature, LEAVES);
+
         let mut handles = Vec::new();
         let mut unbound = Vec::new();
         let mut doubtful = Vec::new();
@@ -389,13 +401,7 @@ impl Human<'_> {
                 continue;
             }
             let residual = twin.and_then(|i| fitted.of(posed, i)).map(|r| r / self.skeleton.stature);
-            let leaves = if named.is_some() {
-                let home =
-                    if apart { frames.iter().copied().find(|&f| take.track.point(f, marker).is_some()) } else { Some(frame) };
-                home.and_then(|f| clusters::departure(&take.track, &take.names, marker, segment, &frames, f, stature))
-            } else {
-                None
-            };
+            let leaves = strays.iter().find(|s| s.0 == marker).map(|s| s.1);
             let soft = residual.is_some_and(|r| r > DOUBTFUL) || leaves.is_some_and(|l| l > LEAVES);
             if soft {
                 let percent = 100.0 * residual.unwrap_or(0.0).max(leaves.unwrap_or(0.0));
@@ -435,12 +441,12 @@ impl Human<'_> {
             strain: None,
         };
         let similarity = placement.similarity;
-        if let Some((median, p95)) = strain(&take.track, &handles, &similarity, &frames, self.skeleton.stature) {
+        if let Some((median, p95)) = strain(take, &handles, &similarity, &frames, self.skeleton.stature) {
             decisions.strain = Some((100.0 * median, 100.0 * p95));
             if p95 > STRETCH {
                 let ratios: Vec<String> = decisions.proportions.iter().map(|(name, r)| format!("{name} {r:.2}")).collect();
                 notes.warn(format!(
-                    "distances between neighbouring handles change by {:.0} % (p95): actor and scan differ in proportions ({}) or a marker is off",
+                    "distances along bones differ by {:.0} % (p95): actor and scan differ in proportions ({}) or a marker is off",
                     100.0 * p95,
                     ratios.join(", ")
                 ));
@@ -593,9 +599,10 @@ pub(super) fn outside(scan: &ScanShape<'_>, p: DVec3) -> Option<f64> {
     (closest.distance > OUTSIDE && scan.tree.winding(p).abs() < 0.5).then_some(closest.distance)
 }
 
-/// Median and 95th percentile of the relative change of distance between handles on the same or neighbouring segments.
+/// Median and 95th percentile of the relative difference between distances of targets and of attachments, over pairs that a body keeps
+/// apart by a bone: on one segment, or at the two ends of a limb's segment.
 fn strain(
-    track: &Track<'_>,
+    take: &Take<'_>,
     handles: &[BoundMarker],
     placement: &Similarity,
     frames: &[usize],
@@ -606,12 +613,16 @@ fn strain(
         for b in &handles[i + 1..] {
             let (Some(s), Some(t)) = (a.segment, b.segment) else { continue };
             let rest = (a.attachment - b.attachment).length();
-            let near = s == t || s.parent() == Some(t) || t.parent() == Some(s);
-            if !near || rest < 0.08 * stature || rest > 0.35 * stature {
+            let (p, q) = (&take.names.places[a.marker], &take.names.places[b.marker]);
+            let ends = match (p, q) {
+                (Some(p), Some(q)) => p.is_bone_with(q) || q.is_bone_with(p),
+                _ => false,
+            };
+            if s != t && !ends || rest < 0.05 * stature {
                 continue;
             }
             for &f in frames {
-                if let (Some(p), Some(q)) = (track.point(f, a.marker), track.point(f, b.marker)) {
+                if let (Some(p), Some(q)) = (take.track.point(f, a.marker), take.track.point(f, b.marker)) {
                     values.push(((p - q).length() * placement.scale / rest - 1.0).abs());
                 }
             }

@@ -126,23 +126,38 @@ pub(crate) fn predict(
     })
 }
 
-/// 95th percentile of a named marker's distance from where the rest of its segment carries it, in statures.
-pub(crate) fn departure(
-    track: &Track<'_>,
-    names: &Names,
-    marker: usize,
-    segment: Segment,
-    frames: &[usize],
-    reference: usize,
-    stature: f64,
-) -> Option<f64> {
-    let members = members(names, segment);
-    let home = track.point(reference, marker)?;
+/// Markers of stiff segments that leave the others of their segment by more than `limit` (95th percentile over the frames, in statures).
+///
+/// Only segments with four markers or more can tell who of them strays, and only where one strays much farther than the others.
+pub(crate) fn strays(track: &Track<'_>, names: &Names, frames: &[usize], stature: f64, limit: f64) -> Vec<(usize, f64)> {
+    let mut out = Vec::new();
+    for segment in Segment::ALL.into_iter().filter(|s| s.is_stiff()) {
+        let own: Vec<usize> = names.iter().filter(|(_, p)| p.segment() == segment).map(|(i, _)| i).collect();
+        if own.len() < 4 {
+            continue;
+        }
+        let mut far: Vec<(f64, usize)> =
+            own.iter().filter_map(|&i| Some((departure(track, &own, i, frames, stature)?, i))).collect();
+        far.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        if let [(worst, marker), (second, _), ..] = far[..]
+            && worst > limit
+            && worst > 1.5 * second
+        {
+            out.push((marker, worst));
+        }
+    }
+    out
+}
+
+/// 95th percentile of a marker's distance from where the others carry it from the first frame that shows it.
+fn departure(track: &Track<'_>, others: &[usize], marker: usize, frames: &[usize], stature: f64) -> Option<f64> {
+    let start = frames.iter().copied().find(|&f| track.point(f, marker).is_some())?;
+    let home = track.point(start, marker)?;
     let mut distances: Vec<f64> = frames
         .iter()
         .filter_map(|&f| {
             let p = track.point(f, marker)?;
-            let (q, t) = motion(track, &members, reference, f, Some(marker))?;
+            let (q, t) = motion(track, others, start, f, Some(marker))?;
             Some((q * home + t - p).length() / stature)
         })
         .collect();

@@ -154,7 +154,7 @@ fn stiffness(segment: Segment) -> f64 {
     use Segment::*;
     3.0 * match segment {
         Head => 5.0,
-        Trunk => 0.25,
+        Trunk => 2.0,
         LeftHand | RightHand | LeftFoot | RightFoot => 0.6,
         _ => 0.12,
     }
@@ -232,6 +232,18 @@ impl Fit {
         }
         let along = bone.axis * v.dot(bone.axis);
         bone.origin + (v - along) + along / self.ratios[ratio_of(segment) as usize]
+    }
+
+    /// Segments whose axes lean against their parents by more than 20 degrees more than in the scan, with the angle.
+    pub(crate) fn bends(&self, body: &Skeleton) -> Vec<(Segment, f64)> {
+        let angle = |segment: Segment| {
+            let parent = segment.parent()?;
+            let relative = self.rotations[parent as usize].inverse() * self.rotations[segment as usize];
+            let axis = body.bone(segment).axis;
+            let angle = (relative * axis).dot(axis).clamp(-1.0, 1.0).acos().to_degrees();
+            (angle > 20.0).then_some((segment, angle))
+        };
+        Segment::ALL.into_iter().filter_map(angle).collect()
     }
 
     /// Elevation of an upper arm against the horizontal, in degrees.

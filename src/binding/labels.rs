@@ -57,6 +57,19 @@ impl Place {
     }
 }
 
+impl Place {
+    /// Whether a bone runs from this place, at the near joint of a segment, to the other at its far joint.
+    pub(crate) fn is_bone_with(&self, far: &Place) -> bool {
+        let near = match self.part {
+            Part::Shoulder => far.part == Part::UpperArm,
+            Part::UpperArm => far.part == Part::Forearm && self.t >= 0.9,
+            Part::Thigh => far.part == Part::Shank && self.t >= 0.9,
+            _ => false,
+        };
+        near && self.side == far.side && far.t >= 0.9
+    }
+}
+
 /// The labels of a take with their places.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Names {

@@ -139,7 +139,6 @@ pub(crate) struct Bone {
 pub(crate) struct Skeleton {
     pub bones: [Bone; Segment::COUNT],
     pub shoulders: [DVec3; 2],
-    pub ankles: [DVec3; 2],
     pub neck: DVec3,
     pub up: DVec3,
     pub forward: DVec3,
@@ -205,7 +204,6 @@ impl Skeleton {
                 bone(s, a, b)
             }),
             shoulders: [joint(Joint::LeftShoulder), joint(Joint::RightShoulder)],
-            ankles: [joint(Joint::LeftAnkle), joint(Joint::RightAnkle)],
             neck,
             up,
             forward,

@@ -2,8 +2,9 @@
 //!
 //! Costs are kept lazily: a collapse does not touch the queue; an edge whose ends have moved is measured again when it comes up.
 
-use super::edges::{Edges, compact, double_area};
+use super::edges::{Edges, double_area, renumber};
 use glam::DVec3;
+use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
@@ -22,21 +23,71 @@ const HOPELESS: f64 = 1.0;
 /// Smallest cost of a second try, far below the cost of any visible change.
 const RETRY_FLOOR: f64 = 1e-18;
 
+/// Above this multiple of the target, collapses are made in sweeps.
+const SWEEP_ABOVE: usize = 4;
+/// Share of the vertices that one sweep may remove.
+const SWEEP: f64 = 1.0 / 3.0;
+/// A sweep that removes less than this share is the last one.
+const LEAST_SWEEP: f64 = 0.02;
+
 /// Collapses edges until `target` vertices are left, or fewer collapses are possible.
 ///
 /// `points`: about unit size. Topology is kept: no collapse closes a hole, joins borders or makes an edge of more than two triangles.
+///
+/// Far above the target the cheapest edges without a common vertex are collapsed in sweeps: three times as fast as one queue over
+/// all edges, and the last collapses, which decide the shape, are in order of cost.
 pub(super) fn decimate(points: &mut Vec<DVec3>, triangles: &mut Vec<[u32; 3]>, target: usize) {
     if points.len() <= target {
         return;
     }
-    let mut mesh = Collapsing::new(std::mem::take(points), std::mem::take(triangles));
+    let quadrics = quadrics(points, triangles);
+    let mut mesh = Collapsing::new(std::mem::take(points), std::mem::take(triangles), quadrics);
+    while mesh.alive > SWEEP_ABOVE * target {
+        let before = mesh.alive;
+        mesh.sweep(SWEEP_ABOVE * target);
+        let removed = before - mesh.alive;
+        mesh = mesh.compacted();
+        if (removed as f64) < LEAST_SWEEP * before as f64 {
+            break;
+        }
+    }
     mesh.run(target);
-    mesh.triangles.retain(|t| t[0] != DEAD);
-    *points = compact(&mesh.points, &mut mesh.triangles);
-    *triangles = mesh.triangles;
+    let mesh = mesh.compacted();
+    (*points, *triangles) = (mesh.points, mesh.triangles);
+}
+
+/// The planes of the triangles around each vertex, weighted by area, and those that hold the borders.
+fn quadrics(points: &[DVec3], triangles: &[[u32; 3]]) -> Vec<Quadric> {
+    let mut quadrics = vec![Quadric::default(); points.len()];
+    for &t in triangles {
+        let normal = double_area(points, t);
+        let length = normal.length();
+        if length < 1e-20 {
+            continue;
+        }
+        let weight = length / 6.0;
+        let plane = Quadric::plane(normal / length, points[t[0] as usize], weight);
+        for v in t.map(|v| v as usize) {
+            quadrics[v].add(&plane);
+            quadrics[v].add(&Quadric::point(points[v], weight * POINT_WEIGHT));
+        }
+    }
+    for ([a, b], corners) in Edges::of(triangles, points.len()).iter().filter(|(_, corners)| corners.len() == 1) {
+        let along = points[b as usize] - points[a as usize];
+        let normal = along.cross(double_area(points, triangles[corners[0] as usize / 3]));
+        if let Some(normal) = normal.try_normalize() {
+            let plane = Quadric::plane(normal, points[a as usize], BORDER_WEIGHT * along.length_squared());
+            quadrics[a as usize].add(&plane);
+            quadrics[b as usize].add(&plane);
+        }
+    }
+    quadrics
 }
 
 const DEAD: u32 = u32::MAX;
+
+/// An edge by its [`key`], with the version of its ends when it was measured.
+type Candidate = Reverse<(u64, u32)>;
 
 struct Collapsing {
     points: Vec<DVec3>,
@@ -52,15 +103,13 @@ struct Collapsing {
     version: Vec<u32>,
     border: Vec<bool>,
     edges: Vec<[u32; 2]>,
-    /// Cost as the bits of an `f32`, then the edge (ties go to the lower one); the version of the ends when it was measured.
-    queue: BinaryHeap<Reverse<(u64, u32)>>,
     mark: Vec<u32>,
     stamp: u32,
     alive: usize,
 }
 
 impl Collapsing {
-    fn new(points: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Self {
+    fn new(points: Vec<DVec3>, triangles: Vec<[u32; 3]>, quadrics: Vec<Quadric>) -> Self {
         let n = points.len();
         let (mut first, mut last, mut next) = (vec![DEAD; n], vec![DEAD; n], vec![DEAD; 3 * triangles.len()]);
         for (corner, &v) in triangles.iter().flatten().enumerate() {
@@ -72,39 +121,17 @@ impl Collapsing {
             }
             last[v] = corner as u32;
         }
-        let mut quadrics = vec![Quadric::default(); n];
-        for &t in &triangles {
-            let normal = double_area(&points, t);
-            let length = normal.length();
-            if length < 1e-20 {
-                continue;
-            }
-            let weight = length / 6.0;
-            let plane = Quadric::plane(normal / length, points[t[0] as usize], weight);
-            for v in t.map(|v| v as usize) {
-                quadrics[v].add(&plane);
-                quadrics[v].add(&Quadric::point(points[v], weight * POINT_WEIGHT));
-            }
-        }
         let mut border = vec![false; n];
         let table = Edges::of(&triangles, n);
         let mut edges = Vec::with_capacity(table.len());
         for ([a, b], corners) in table.iter() {
             edges.push([a, b]);
-            if corners.len() == 2 {
-                continue;
-            }
-            border[a as usize] = true;
-            border[b as usize] = true;
-            let along = points[b as usize] - points[a as usize];
-            let normal = along.cross(double_area(&points, triangles[corners[0] as usize / 3]));
-            if let Some(normal) = normal.try_normalize() {
-                let plane = Quadric::plane(normal, points[a as usize], BORDER_WEIGHT * along.length_squared());
-                quadrics[a as usize].add(&plane);
-                quadrics[b as usize].add(&plane);
+            if corners.len() != 2 {
+                border[a as usize] = true;
+                border[b as usize] = true;
             }
         }
-        let mut mesh = Self {
+        Self {
             alive: first.iter().filter(|&&c| c != DEAD).count(),
             points,
             quadrics,
@@ -115,19 +142,53 @@ impl Collapsing {
             into: (0..n as u32).collect(),
             version: vec![0; n],
             border,
-            edges: Vec::new(),
-            queue: BinaryHeap::new(),
+            edges,
             mark: vec![0; n],
             stamp: 0,
-        };
-        mesh.queue = (0..).zip(&edges).map(|(e, &[a, b])| Reverse((key(mesh.place(a, b).0, e), 0))).collect();
-        mesh.edges = edges;
-        mesh
+        }
     }
 
+    /// The same without what is dead.
+    fn compacted(mut self) -> Self {
+        self.triangles.retain(|t| t[0] != DEAD);
+        let kept = renumber(&mut self.triangles, self.points.len());
+        let points = kept.iter().map(|&v| self.points[v as usize]).collect();
+        let quadrics = kept.iter().map(|&v| self.quadrics[v as usize]).collect();
+        Self::new(points, self.triangles, quadrics)
+    }
+
+    /// All edges by ascending cost; ties go to the lower edge.
+    fn costs(&self) -> Vec<u64> {
+        let cost = |(e, &[a, b]): (usize, &[u32; 2])| key(self.place(a, b).0, e as u32);
+        self.edges.par_iter().enumerate().with_min_len(1024).map(cost).collect()
+    }
+
+    /// Collapses the cheapest edges of which no two share a vertex, down to `least` vertices or by a third.
+    fn sweep(&mut self, least: usize) {
+        let least = least.max((self.alive as f64 * (1.0 - SWEEP)) as usize);
+        let mut costs = self.costs();
+        costs.par_sort_unstable();
+        for cost in costs {
+            if self.alive <= least {
+                break;
+            }
+            let [a, b] = self.edges[cost as u32 as usize];
+            // A vertex whose version has changed has moved or is gone; the cost of its edges is not known in this sweep.
+            if self.version[a as usize] == 0 && self.version[b as usize] == 0 {
+                let (_, place) = self.place(a, b);
+                if self.is_allowed(a, b, place) {
+                    self.collapse(a, b, place);
+                    self.version[b as usize] = 1;
+                }
+            }
+        }
+    }
+
+    /// Collapses edges in order of cost.
     fn run(&mut self, target: usize) {
+        let mut queue: BinaryHeap<Candidate> = self.costs().into_iter().map(|cost| Reverse((cost, 0))).collect();
         while self.alive > target {
-            let Some(Reverse((popped, version))) = self.queue.pop() else { break };
+            let Some(Reverse((popped, version))) = queue.pop() else { break };
             let e = popped as u32;
             let [a, b] = self.edges[e as usize].map(|v| self.current(v));
             self.edges[e as usize] = [a, b];
@@ -138,8 +199,8 @@ impl Collapsing {
             let now = self.version[a as usize].wrapping_add(self.version[b as usize]);
             if now != version {
                 let fresh = key(cost, e);
-                if self.queue.peek().is_some_and(|Reverse((least, _))| *least < fresh) {
-                    self.queue.push(Reverse((fresh, now)));
+                if queue.peek().is_some_and(|Reverse((least, _))| *least < fresh) {
+                    queue.push(Reverse((fresh, now)));
                     continue;
                 }
             }
@@ -148,7 +209,7 @@ impl Collapsing {
             } else {
                 let again = RETRY * f64::from(f32::from_bits((popped >> 32) as u32)).max(RETRY_FLOOR);
                 if again < HOPELESS && self.share_triangle(a, b) {
-                    self.queue.push(Reverse((key(again, e), now)));
+                    queue.push(Reverse((key(again, e), now)));
                 }
             }
         }
@@ -288,6 +349,7 @@ impl Collapsing {
     }
 }
 
+/// The cost as the bits of an `f32`, then the edge, so that ties go to the lower one.
 fn key(cost: f64, edge: u32) -> u64 {
     // The bits of a non-negative float order like the float.
     u64::from((cost as f32).to_bits()) << 32 | u64::from(edge)

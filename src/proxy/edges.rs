@@ -73,14 +73,19 @@ pub(super) fn double_area(points: &[DVec3], t: [u32; 3]) -> DVec3 {
 
 /// Keeps the vertices that `triangles` use, in their order, and renumbers the triangles.
 pub(super) fn compact(points: &[DVec3], triangles: &mut [[u32; 3]]) -> Vec<DVec3> {
-    let mut number = vec![u32::MAX; points.len()];
+    renumber(triangles, points.len()).into_iter().map(|v| points[v as usize]).collect()
+}
+
+/// Renumbers the triangles so that only used vertices count; returns the old number of each, in ascending order.
+pub(super) fn renumber(triangles: &mut [[u32; 3]], vertices: usize) -> Vec<u32> {
+    let mut number = vec![u32::MAX; vertices];
     for &v in triangles.iter().flatten() {
         number[v as usize] = 0;
     }
     let mut kept = Vec::new();
-    for (n, &p) in number.iter_mut().zip(points).filter(|(n, _)| **n == 0) {
+    for (v, n) in (0u32..).zip(&mut number).filter(|(_, n)| **n == 0) {
         *n = kept.len() as u32;
-        kept.push(p);
+        kept.push(v);
     }
     for v in triangles.iter_mut().flatten() {
         *v = number[*v as usize];

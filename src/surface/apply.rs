@@ -1,4 +1,4 @@
-//! What both kinds of map share when they are applied: lanes of frames, chunks of vertices, buffers that are kept.
+//! What both kinds of map share when they are applied: lanes of frames, chunks of vertices, vector instructions, buffers that are kept.
 
 use glam::DVec3;
 use std::sync::Mutex;
@@ -14,9 +14,16 @@ pub(super) enum Indices {
 }
 
 impl Indices {
-    /// `below`: larger than every index.
-    pub(super) fn new(indices: Vec<u32>, below: usize) -> Self {
-        if below <= 1 << 16 { Indices::Narrow(indices.into_iter().map(|i| i as u16).collect()) } else { Indices::Wide(indices) }
+    /// None yet. `below`: larger than every index to come.
+    pub(super) fn new(below: usize) -> Self {
+        if below <= 1 << 16 { Indices::Narrow(Vec::new()) } else { Indices::Wide(Vec::new()) }
+    }
+
+    pub(super) fn extend(&mut self, more: &[u32]) {
+        match self {
+            Indices::Narrow(indices) => indices.extend(more.iter().map(|&i| i as u16)),
+            Indices::Wide(indices) => indices.extend(more),
+        }
     }
 
     pub(super) fn get(&self, k: usize) -> usize {
@@ -112,10 +119,16 @@ fn halve<const W: usize>(
     rayon::join(|| halve(first, left, out, work), || halve(first + left, count - left, right, work));
 }
 
-/// Whether the processor has the instructions that the wide kernels are compiled for.
-pub(super) fn has_avx2() -> bool {
-    #[cfg(target_arch = "x86_64")]
-    return is_x86_feature_detected!("avx2");
-    #[cfg(not(target_arch = "x86_64"))]
-    false
+/// Proof that the processor has AVX2. The kernels are plain loops, compiled once for any processor and once for these; they round alike,
+/// since nothing is fused.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Avx2(());
+
+impl Avx2 {
+    pub(super) fn detect() -> Option<Self> {
+        #[cfg(target_arch = "x86_64")]
+        return is_x86_feature_detected!("avx2").then_some(Self(()));
+        #[cfg(not(target_arch = "x86_64"))]
+        None
+    }
 }

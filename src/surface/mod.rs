@@ -22,7 +22,7 @@ pub const BATCH: usize = 8;
 ///
 /// [`MapKind::Ring`]: every boundary face of the proxy carries an affine map, its posed centre and the mean gradient of the tetrahedra
 /// around it; a scan vertex blends the maps of the faces around its foot point on the boundary. [`MapKind::Paper`]: one sparse row per
-/// vertex. Both are exact on affine maps. Memory: 90 and about 3,000 bytes per vertex.
+/// vertex. Both are exact on affine maps. Memory: about 120 and 4,000 bytes per vertex.
 #[derive(Clone, Debug)]
 pub struct SurfaceMap {
     kind: Kind,
@@ -85,14 +85,18 @@ impl SurfaceMap {
         for points in out.iter_mut() {
             points.resize(self.len(), [0.0; 3]);
         }
+        self.apply_with(apply::Avx2::detect(), poses, out);
+    }
+
+    fn apply_with(&self, avx2: Option<apply::Avx2>, poses: &[&[DVec3]], out: &mut [Vec<[f32; 3]>]) {
         match (&self.kind, poses.len()) {
             (_, 0) => {}
-            (Kind::Ring(map), 1) => map.apply::<1>(poses, out),
-            (Kind::Ring(map), 2..=4) => map.apply::<4>(poses, out),
-            (Kind::Ring(map), _) => map.apply::<BATCH>(poses, out),
-            (Kind::Paper(map), 1) => map.apply::<1>(poses, out),
-            (Kind::Paper(map), 2..=4) => map.apply::<4>(poses, out),
-            (Kind::Paper(map), _) => map.apply::<BATCH>(poses, out),
+            (Kind::Ring(map), 1) => map.apply::<1>(avx2, poses, out),
+            (Kind::Ring(map), 2..=4) => map.apply::<4>(avx2, poses, out),
+            (Kind::Ring(map), _) => map.apply::<BATCH>(avx2, poses, out),
+            (Kind::Paper(map), 1) => map.apply::<1>(avx2, poses, out),
+            (Kind::Paper(map), 2..=4) => map.apply::<4>(avx2, poses, out),
+            (Kind::Paper(map), _) => map.apply::<BATCH>(avx2, poses, out),
         }
     }
 

@@ -55,7 +55,7 @@ impl NormalVertices {
     /// Angle-weighted unit normals of the posed surface. Shapes: `points`: scan vertices; `out`: normal vertices.
     ///
     /// Polygons count as flat, with the normal of their area vector; faces without an area contribute nothing. A vertex without any such
-    /// face gets +Z. Cost: 13 ns per triangle; see [`NormalVertices::compute_frames`] for several threads.
+    /// face gets +Z. Cost: 17 ns per triangle; see [`NormalVertices::compute_frames`] for several threads.
     pub fn compute(&self, scan: &Scan, points: &[[f32; 3]], out: &mut Vec<[f32; 3]>) {
         let faces = &scan.mesh.faces;
         out.clear();

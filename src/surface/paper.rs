@@ -1,11 +1,14 @@
 //! The map as Stoll et al. 2007 print it: one sparse row per scan vertex, in double precision since its coefficients are large.
 
-use super::apply::{Indices, Pool, chunks, pack};
+use super::apply::{Avx2, Indices, Pool, chunks, pack};
 use crate::linalg::SparseRow;
 use crate::proxy::Proxy;
 use crate::proxy::rows::{RowSum, TetMaps};
 use glam::DVec3;
 use rayon::prelude::*;
+
+/// Rows that are built before they are packed: all at once would take the memory twice.
+const AT_ONCE: usize = 1 << 14;
 
 /// See [`super::SurfaceMap`].
 #[derive(Clone, Debug)]
@@ -21,25 +24,21 @@ impl PaperMap {
     pub(super) fn build(proxy: &Proxy, points: &[DVec3]) -> Self {
         let maps = TetMaps::new(proxy);
         let n = proxy.rest.len();
-        let rows: Vec<SparseRow> = points
-            .par_iter()
-            .with_min_len(256)
-            .map_init(
-                || RowSum::new(n),
-                |sum, &point| {
-                    maps.row(point, sum);
-                    sum.take()
-                },
-            )
-            .collect();
-        let mut starts = vec![0];
-        let (mut indices, mut values) = (Vec::new(), Vec::new());
-        for row in rows {
-            indices.extend(row.indices);
-            values.extend(row.values);
-            starts.push(values.len());
+        let mut map =
+            Self { proxy_vertices: n, starts: vec![0], indices: Indices::new(n), values: Vec::new(), poses: Pool::default() };
+        let row = |sum: &mut RowSum, &point: &DVec3| {
+            maps.row(point, sum);
+            sum.take()
+        };
+        for points in points.chunks(AT_ONCE) {
+            let rows: Vec<SparseRow> = points.par_iter().with_min_len(256).map_init(|| RowSum::new(n), row).collect();
+            for row in rows {
+                map.indices.extend(&row.indices);
+                map.values.extend(row.values);
+                map.starts.push(map.values.len());
+            }
         }
-        Self { proxy_vertices: n, starts, indices: Indices::new(indices, n), values, poses: Pool::default() }
+        map
     }
 
     pub(super) fn len(&self) -> usize {
@@ -52,32 +51,32 @@ impl PaperMap {
     }
 
     /// `W` lanes for at most `W` frames.
-    pub(super) fn apply<const W: usize>(&self, poses: &[&[DVec3]], out: &mut [Vec<[f32; 3]>]) {
+    pub(super) fn apply<const W: usize>(&self, avx2: Option<Avx2>, poses: &[&[DVec3]], out: &mut [Vec<[f32; 3]>]) {
         self.poses.with(self.proxy_vertices * 3 * W, |packed| {
             let packed = packed.as_chunks_mut::<W>().0.as_chunks_mut::<3>().0;
             let origins = pack(poses, packed);
             match &self.indices {
-                Indices::Narrow(indices) => self.map_vertices(indices, packed, &origins, out),
-                Indices::Wide(indices) => self.map_vertices(indices, packed, &origins, out),
+                Indices::Narrow(indices) => self.map_vertices(avx2, indices, packed, &origins, out),
+                Indices::Wide(indices) => self.map_vertices(avx2, indices, packed, &origins, out),
             }
         });
     }
 
     fn map_vertices<const W: usize, I: Copy + Into<u32> + Sync>(
         &self,
+        avx2: Option<Avx2>,
         indices: &[I],
         packed: &[[[f64; W]; 3]],
         origins: &[[f32; W]; 3],
         out: &mut [Vec<[f32; 3]>],
     ) {
         chunks(out, &|first, out| {
-            #[cfg(target_arch = "x86_64")]
-            if super::apply::has_avx2() {
+            match avx2 {
+                #[cfg(target_arch = "x86_64")]
                 // SAFETY: the processor has AVX2.
-                unsafe { multiply_avx2(self, indices, packed, origins, first, out) };
-                return;
+                Some(Avx2 { .. }) => unsafe { multiply_avx2(self, indices, packed, origins, first, out) },
+                _ => multiply(self, indices, packed, origins, first, out),
             }
-            multiply(self, indices, packed, origins, first, out);
         });
     }
 }
@@ -105,21 +104,32 @@ fn multiply<const W: usize, I: Copy + Into<u32>>(
     out: &mut [&mut [[f32; 3]]; W],
 ) {
     for i in 0..out[0].len() {
-        let range = map.starts[first + i]..map.starts[first + i + 1];
-        let mut sum = [[0.0f64; W]; 3];
-        for (&vertex, &value) in indices[range.clone()].iter().zip(&map.values[range]) {
-            let vertex: u32 = vertex.into();
-            let p = &packed[vertex as usize];
-            for axis in 0..3 {
-                for lane in 0..W {
-                    sum[axis][lane] += value * p[axis][lane];
-                }
-            }
-        }
+        let sum = product(map, indices, packed, first + i);
         for (lane, frame) in out.iter_mut().enumerate() {
             if let Some(to) = frame.get_mut(i) {
                 *to = [0, 1, 2].map(|axis| (sum[axis][lane] + f64::from(origins[axis][lane])) as f32);
             }
         }
     }
+}
+
+#[inline(always)]
+fn product<const W: usize, I: Copy + Into<u32>>(
+    map: &PaperMap,
+    indices: &[I],
+    packed: &[[[f64; W]; 3]],
+    vertex: usize,
+) -> [[f64; W]; 3] {
+    let range = map.starts[vertex]..map.starts[vertex + 1];
+    let mut sum = [[0.0f64; W]; 3];
+    for (&vertex, &value) in indices[range.clone()].iter().zip(&map.values[range]) {
+        let vertex: u32 = vertex.into();
+        let p = &packed[vertex as usize];
+        for axis in 0..3 {
+            for lane in 0..W {
+                sum[axis][lane] += value * p[axis][lane];
+            }
+        }
+    }
+    sum
 }

@@ -2,7 +2,7 @@
 
 mod weights;
 
-use super::apply::{Indices, Pool, chunks, pack};
+use super::apply::{Avx2, Indices, Pool, chunks, pack};
 use super::pieces::loose_pieces;
 use crate::linalg::SparseRow;
 use crate::proxy::Proxy;
@@ -10,7 +10,9 @@ use crate::proxy::rows::{RingMaps, RowSum};
 use crate::scan::Faces;
 use glam::DVec3;
 use rayon::prelude::*;
-use weights::Foot;
+
+/// Faces per parallel task.
+const FACES: usize = 256;
 
 /// See [`super::SurfaceMap`].
 #[derive(Clone, Debug)]
@@ -38,12 +40,8 @@ impl RingMap {
         let mut feet = weights::feet(proxy, points);
         if let Some(faces) = faces {
             for piece in loose_pieces(points, faces, |v| feet[v].distance) {
-                let nearest = piece.iter().map(|&v| feet[v as usize]).fold(
-                    Foot { distance: f64::INFINITY, ..feet[piece[0] as usize] },
-                    |best, foot| {
-                        if foot.distance < best.distance { foot } else { best }
-                    },
-                );
+                let nearest = piece.iter().map(|&v| feet[v as usize]).reduce(|a, b| if b.distance < a.distance { b } else { a });
+                let Some(nearest) = nearest else { continue };
                 piece.iter().for_each(|&v| feet[v as usize] = nearest);
             }
         }
@@ -77,37 +75,38 @@ impl RingMap {
     }
 
     /// `W` lanes for at most `W` frames.
-    pub(super) fn apply<const W: usize>(&self, poses: &[&[DVec3]], out: &mut [Vec<[f32; 3]>]) {
+    pub(super) fn apply<const W: usize>(&self, avx2: Option<Avx2>, poses: &[&[DVec3]], out: &mut [Vec<[f32; 3]>]) {
         self.affine.with(self.maps.len() * 12 * W, |affine| {
             let affine = affine.as_chunks_mut::<W>().0.as_chunks_mut::<12>().0;
             let origins = self.poses.with(self.proxy_vertices * 3 * W, |packed| {
                 let packed = packed.as_chunks_mut::<W>().0.as_chunks_mut::<3>().0;
                 let origins = pack(poses, packed);
-                self.face_maps(packed, affine);
+                self.face_maps(avx2, packed, affine);
                 origins
             });
             match &self.pairs.faces {
-                Indices::Narrow(faces) => self.map_vertices(faces, affine, &origins, out),
-                Indices::Wide(faces) => self.map_vertices(faces, affine, &origins, out),
+                Indices::Narrow(faces) => self.map_vertices(avx2, faces, affine, &origins, out),
+                Indices::Wide(faces) => self.map_vertices(avx2, faces, affine, &origins, out),
             }
         });
     }
 
     /// Affine map of each face: columns of A, then c′ − A c.
-    fn face_maps<const W: usize>(&self, packed: &[[[f64; W]; 3]], affine: &mut [[[f32; W]; 12]]) {
-        affine.par_chunks_mut(256).enumerate().for_each(|(chunk, affine)| {
-            #[cfg(target_arch = "x86_64")]
-            if super::apply::has_avx2() {
+    fn face_maps<const W: usize>(&self, avx2: Option<Avx2>, packed: &[[[f64; W]; 3]], affine: &mut [[[f32; W]; 12]]) {
+        affine.par_chunks_mut(FACES).enumerate().for_each(|(chunk, affine)| {
+            let first = chunk * FACES;
+            match avx2 {
+                #[cfg(target_arch = "x86_64")]
                 // SAFETY: the processor has AVX2.
-                unsafe { face_maps_avx2(self, packed, chunk * 256, affine) };
-                return;
+                Some(Avx2 { .. }) => unsafe { face_maps_avx2(self, packed, first, affine) },
+                _ => face_maps(self, packed, first, affine),
             }
-            face_maps(self, packed, chunk * 256, affine);
         });
     }
 
     fn map_vertices<const W: usize, I: Copy + Into<u32> + Sync>(
         &self,
+        avx2: Option<Avx2>,
         faces: &[I],
         affine: &[[[f32; W]; 12]],
         origins: &[[f32; W]; 3],
@@ -115,13 +114,12 @@ impl RingMap {
     ) {
         chunks(out, &|first, out| {
             let blend = Blend { map: self, faces, affine, origins };
-            #[cfg(target_arch = "x86_64")]
-            if super::apply::has_avx2() {
+            match avx2 {
+                #[cfg(target_arch = "x86_64")]
                 // SAFETY: the processor has AVX2.
-                unsafe { blend_avx2(&blend, first, out) };
-                return;
+                Some(Avx2 { .. }) => unsafe { blend_avx2(&blend, first, out) },
+                _ => blend.vertices(first, out),
             }
-            blend.vertices(first, out);
         });
     }
 }
@@ -170,6 +168,9 @@ fn face_maps<const W: usize>(map: &RingMap, packed: &[[[f64; W]; 3]], first: usi
     }
 }
 
+/// Vertices that are blended before their lanes are handed out to the frames: in one loop the compiler would mix up the two shapes.
+const GROUP: usize = 32;
+
 /// The inner loop over pairs.
 struct Blend<'a, const W: usize, I> {
     map: &'a RingMap,
@@ -187,32 +188,40 @@ fn blend_avx2<const W: usize, I: Copy + Into<u32>>(blend: &Blend<'_, W, I>, firs
 impl<const W: usize, I: Copy + Into<u32>> Blend<'_, W, I> {
     #[inline(always)]
     fn vertices(&self, first: usize, out: &mut [&mut [[f32; 3]]; W]) {
-        let Pairs { starts, weights, .. } = &self.map.pairs;
         let count = out[0].len();
-        for i in 0..count {
-            let range = starts[first + i] as usize..starts[first + i + 1] as usize;
-            let mut sum = [[0.0f32; W]; 12];
-            for (&face, &weight) in self.faces[range.clone()].iter().zip(&weights[range]) {
-                let face: u32 = face.into();
-                let affine = &self.affine[face as usize];
-                for k in 0..12 {
-                    for lane in 0..W {
-                        sum[k][lane] += weight * affine[k][lane];
-                    }
-                }
-            }
-            let [x, y, z] = self.map.points[first + i];
-            let mut mapped = [[0.0f32; W]; 3];
-            for axis in 0..3 {
-                for lane in 0..W {
-                    let turned = sum[axis][lane] * x + sum[3 + axis][lane] * y + sum[6 + axis][lane] * z;
-                    mapped[axis][lane] = turned + sum[9 + axis][lane] + self.origins[axis][lane];
-                }
+        let mut mapped = [[[0.0f32; W]; 3]; GROUP];
+        for begin in (0..count).step_by(GROUP) {
+            let end = count.min(begin + GROUP);
+            for (vertex, mapped) in (first + begin..first + end).zip(&mut mapped) {
+                self.vertex(vertex, mapped);
             }
             for (lane, frame) in out.iter_mut().enumerate() {
-                if let Some(to) = frame.get_mut(i) {
+                for (to, mapped) in frame.get_mut(begin..end).into_iter().flatten().zip(&mapped) {
                     *to = [mapped[0][lane], mapped[1][lane], mapped[2][lane]];
                 }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn vertex(&self, vertex: usize, mapped: &mut [[f32; W]; 3]) {
+        let Pairs { starts, weights, .. } = &self.map.pairs;
+        let range = starts[vertex] as usize..starts[vertex + 1] as usize;
+        let mut sum = [[0.0f32; W]; 12];
+        for (&face, &weight) in self.faces[range.clone()].iter().zip(&weights[range]) {
+            let face: u32 = face.into();
+            let affine = &self.affine[face as usize];
+            for k in 0..12 {
+                for lane in 0..W {
+                    sum[k][lane] += weight * affine[k][lane];
+                }
+            }
+        }
+        let [x, y, z] = self.map.points[vertex];
+        for axis in 0..3 {
+            for lane in 0..W {
+                let turned = sum[axis][lane] * x + sum[3 + axis][lane] * y + sum[6 + axis][lane] * z;
+                mapped[axis][lane] = turned + sum[9 + axis][lane] + self.origins[axis][lane];
             }
         }
     }

@@ -109,6 +109,27 @@ fn a_frame_has_the_same_bits_in_any_company_and_with_any_number_of_threads() {
 }
 
 #[test]
+fn vector_instructions_do_not_change_bits() {
+    let Some(avx2) = apply::Avx2::detect() else {
+        eprintln!("skipped: no AVX2 here");
+        return;
+    };
+    let proxy = shaken();
+    let points = scattered(&proxy, 2000);
+    let poses: Vec<Vec<DVec3>> = (0..8).map(|k| posed(&proxy, |p| bend(p) * (1.0 + 0.1 * f64::from(k)))).collect();
+    for kind in [MapKind::Ring, MapKind::Paper] {
+        let map = SurfaceMap::build(&proxy, &points, kind).unwrap();
+        for count in [1, 4, 8] {
+            let batch: Vec<&[DVec3]> = poses[..count].iter().map(|p| &p[..]).collect();
+            let mut out = [(); 2].map(|()| vec![vec![[0.0; 3]; points.len()]; count]);
+            map.apply_with(None, &batch, &mut out[0]);
+            map.apply_with(Some(avx2), &batch, &mut out[1]);
+            assert!(out[0] == out[1], "{kind:?} {count}");
+        }
+    }
+}
+
+#[test]
 fn the_map_is_smooth_across_faces() {
     let proxy = bar([16, 5, 5], DVec3::new(0.9, 0.3, 0.3), 0.0);
     // A line along the top, which crosses many faces.

@@ -125,6 +125,11 @@ impl SoftHandles {
         self.weights[h] * self.presence[h]
     }
 
+    /// The same, without what is kept of handles that have no target.
+    pub(super) fn present_weight(&self, h: usize) -> f64 {
+        self.weights[h] * self.asked[h]
+    }
+
     /// Moves the remembered target of a handle that is absent.
     pub(super) fn place_absent(&mut self, place: impl Fn(usize, &Self) -> Lanes) {
         for h in 0..self.len() {

@@ -414,13 +414,47 @@ fn a_component_that_loses_its_handles_is_held_where_it_was() {
     let mut deformer = Volumetric::new(&proxy, &handles, &to_the_end()).unwrap();
     let mut targets = targets_of(&proxy, &handles, |p| p);
     deformer.start(&targets).unwrap();
+    let weight_ratio = deformer.handles.weight(3) / deformer.handles.weight(0);
     targets.presence[3..].fill(0.0);
     targets.positions.iter_mut().for_each(|p| *p += DVec3::Z);
     let stats = deformer.step(&targets).unwrap();
     assert!(stats.converged && !stats.recovered);
+    assert_eq!(deformer.handles.weight(3) / deformer.handles.weight(0), 0.01 * weight_ratio);
     let (first, other) = (&deformer.pose()[..second], &deformer.pose()[second..]);
     assert!(first.iter().zip(&proxy.rest).all(|(a, b)| (*a - *b).distance(DVec3::Z) < 1e-5));
     assert!(distance(other, &proxy.rest[second..]) < 1e-6);
+}
+
+#[test]
+fn a_component_that_never_had_a_target_comes_with_the_others() {
+    let (q, t) = rigid();
+    let proxy = pair();
+    let second = proxy.rest.len() / 2;
+    let handles: Vec<Handle> = [0, 3, 20, second, second + 3, second + 20].map(|v| on_vertex(v, 1.0)).into();
+    let mut deformer = Volumetric::new(&proxy, &handles, &to_the_end()).unwrap();
+    let mut targets = targets_of(&proxy, &handles, |p| q * p + t);
+    targets.presence[3..].fill(0.0);
+    targets.positions[3..].fill(DVec3::ZERO);
+    deformer.start(&targets).unwrap();
+    let moved: Vec<DVec3> = proxy.rest.iter().map(|p| q * *p + t).collect();
+    assert!(distance(deformer.pose(), &moved) < 1e-9);
+}
+
+#[test]
+fn a_steady_motion_is_predicted() {
+    let proxy = block([10, 2, 2], 0.1);
+    let handles = handles(&proxy, 1.0);
+    let mut deformer = twist(&proxy, &handles, &to_the_end(), 2, |p| p);
+    for frame in 0..5 {
+        let drift = DVec3::new(0.1, -0.2, 0.05) * f64::from(frame);
+        let stats = deformer.step(&targets_of(&proxy, &handles, |p| twisted(0.5)(p) + drift)).unwrap();
+        let surplus = deformer.energies()[0] / stats.energy - 1.0;
+        match frame {
+            1 => assert!(surplus > 1e-3, "the drift begins unforeseen: {surplus}"),
+            2.. => assert!(surplus < 1e-9, "frame {frame} begins where it ends: {surplus}"),
+            _ => {}
+        }
+    }
 }
 
 #[test]

@@ -213,7 +213,7 @@ impl Volumetric {
 
     /// The rest pose, moved rigidly so that the attachments come nearest to the present targets.
     fn align(&mut self) {
-        let present = |h: usize| (self.handles.weight(h), self.attachments[h], self.handles.target(h).xyz());
+        let present = |h: usize| (self.handles.present_weight(h), self.attachments[h], self.handles.target(h).xyz());
         let (mut total, mut from, mut to) = (0.0, DVec3::ZERO, DVec3::ZERO);
         for (w, a, t) in (0..self.handles.len()).map(present).filter(|(w, ..)| *w > 0.0) {
             total += w;

@@ -8,7 +8,7 @@ use super::select::{CANDIDATES, Gram};
 use super::start::{nearest_to, split};
 use super::tracks::Tracks;
 use super::{Influences, Tolerance};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -20,6 +20,8 @@ const FIRST_JOINTS: usize = 56;
 pub const MOST_JOINTS: usize = 160;
 /// Rounds of improvement at most.
 const CYCLES: usize = 6;
+/// The same when points are added.
+const LATER_CYCLES: usize = 3;
 
 /// A skin of the fit points.
 #[derive(Clone, Debug)]
@@ -45,17 +47,36 @@ pub struct FitError {
     pub worst_square: Vec<f64>,
     /// Largest error, per frame.
     pub per_frame: Vec<f64>,
+    /// Points that count for the mean: those picked out because they are bad do not.
+    counted: usize,
 }
 
 impl FitError {
+    fn new(counted: usize) -> Self {
+        Self { counted, ..Self::default() }
+    }
+
+    /// How much of a tolerance it uses.
+    pub fn used(&self, tolerance: Tolerance) -> f64 {
+        tolerance.used(self.worst(), self.rms())
+    }
+
     /// Largest error.
     pub fn worst(&self) -> f64 {
         self.worst_square.iter().fold(0.0, |a: f64, &b| a.max(b)).sqrt()
     }
 
-    /// Root mean square.
+    /// Root mean square over the proxy's points.
     pub fn rms(&self) -> f64 {
-        (self.squares.iter().sum::<f64>() / (self.squares.len() * self.per_frame.len()) as f64).sqrt()
+        (self.squares[..self.counted].iter().sum::<f64>() / (self.counted * self.per_frame.len()) as f64).sqrt()
+    }
+
+    /// The worst frames, worst first.
+    pub fn worst_frames(&self, most: usize) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..self.per_frame.len()).collect();
+        order.sort_by(|&a, &b| self.per_frame[b].total_cmp(&self.per_frame[a]).then(a.cmp(&b)));
+        order.truncate(most);
+        order
     }
 
     fn add(&mut self, settled: &Settled) {
@@ -75,93 +96,144 @@ impl FitError {
 /// Fits joints until the points are within `goal`, or as near as the bounds on joints and rounds allow.
 pub fn fit(motion: &Motion<'_>, points: FitPoints, goal: Tolerance) -> Result<Fit> {
     let frames = motion.farthest_frames(&points, FIRST_FRAMES)?;
-    let mut sample = Sample::read(motion, &points, frames)?;
-    let mut joints = split(&points, &sample, FIRST_JOINTS, goal.rms, motion.cancel)?;
-    let mut emphasis = vec![Emphasis::new(points.len()); sample.len()];
-    let mut tracks: Option<Tracks> = None;
-    let mut best: Option<Fit> = None;
-    for cycle in 0..CYCLES {
-        let rounds = if cycle == 0 { 9 } else { 4 };
-        let (influences, on_sample) = alternate(motion, &points, &sample, &mut joints, &mut emphasis, rounds, goal)?;
-        let begin = match tracks {
-            Some(tracks) => tracks,
-            None => Tracks::of_groups(motion, &points, &dominated(&influences, joints.joints()))?,
-        };
-        let blend = Blend::new(&points.rest, &influences, begin.joints());
-        let mut now = Tracks::new(begin.joints());
-        let mut error = FitError::default();
-        let settle_frame = |f: usize, pose: Vec<DVec3>| settle(&blend, &pose, begin.frame(f), 5, 0.6, goal);
-        motion.each_frame(&points, settle_frame, |_, settled| {
-            now.push(&settled.joints);
-            error.add(&settled);
-        })?;
-        let used = goal.used(error.worst(), error.rms());
-        let better = best.as_ref().is_none_or(|b| used < goal.used(b.error.worst(), b.error.rms()));
-        let result = Fit { points: points.clone(), influences, tracks: now, sample: sample.clone(), error };
-        let (now, error) = if better {
-            let kept = best.insert(result);
-            (kept.tracks.clone(), kept.error.clone())
-        } else {
-            (result.tracks, result.error)
-        };
-        if used <= 1.0 || cycle + 1 == CYCLES {
-            break;
-        }
-        let more_frames = worst_frames(&error, &sample, goal);
-        let fits_sample = goal.used(on_sample.worst() / 0.9, on_sample.rms() / 0.95) <= 1.0;
-        let grown = if fits_sample { None } else { grow(motion, &points, &now, &error, goal)? };
-        if more_frames.is_empty() && grown.is_none() && fits_sample {
-            break;
-        }
-        let next = grown.unwrap_or(now);
-        let mut frames = sample.frames.clone();
-        frames.extend(more_frames);
-        frames.sort_unstable();
-        sample = Sample::read(motion, &points, frames)?;
-        joints = JointPlanes::new(sample.len(), next.joints(), |k, f| next.at(sample.frames[f], k));
-        emphasis = emphasis_of(&sample, &joints, &blend, goal);
-        tracks = Some(next);
-    }
-    best.ok_or_else(|| crate::error::Error::refused("no frame to fit a skin to"))
+    let sample = Sample::read(motion, &points, frames)?;
+    let joints = split(&points, &sample, FIRST_JOINTS, goal.rms, motion.cancel)?;
+    let emphasis = vec![Emphasis::new(points.len()); sample.len()];
+    State { points, sample, joints, emphasis, tracks: None }.improve(motion, goal, CYCLES)
 }
 
-/// Weights and joints in turn on the sample. Returns the weights and the errors on the sample.
-fn alternate(
+/// Goes on from a fit with other points behind the proxy's, which have to meet the goal too.
+///
+/// `influences`: of all points; `frames`: to learn from besides those of the fit.
+pub fn extend(
+    motion: &Motion<'_>,
+    fit: &Fit,
+    points: FitPoints,
+    influences: &[Influences],
+    frames: &[usize],
+    goal: Tolerance,
+) -> Result<Fit> {
+    let mut all = fit.sample.frames.clone();
+    all.extend(frames);
+    all.sort_unstable();
+    all.dedup();
+    let blend = Blend::new(&points.rest, influences, fit.tracks.joints());
+    let (sample, joints, emphasis) = begin(motion, &points, &fit.tracks, all, &blend, goal)?;
+    State { points, sample, joints, emphasis, tracks: Some(fit.tracks.clone()) }.improve(motion, goal, LATER_CYCLES)
+}
+
+/// What a cycle begins with.
+struct State {
+    points: FitPoints,
+    sample: Sample,
+    joints: JointPlanes,
+    emphasis: Vec<Emphasis>,
+    /// Transforms on all frames, once there are any.
+    tracks: Option<Tracks>,
+}
+
+impl State {
+    fn improve(mut self, motion: &Motion<'_>, goal: Tolerance, cycles: usize) -> Result<Fit> {
+        let mut best: Option<Fit> = None;
+        for left in (0..cycles).rev() {
+            let rounds = if self.tracks.is_none() { 9 } else { 4 };
+            let (influences, on_sample) = self.alternate(motion, rounds, goal)?;
+            let now = self.settle_all(motion, influences, goal)?;
+            let used = now.error.used(goal);
+            let (tracks, error) = (now.tracks.clone(), now.error.clone());
+            let sample = self.sample.clone();
+            let blend_points = self.points.rest.clone();
+            let blend = Blend::new(&blend_points, &now.influences, tracks.joints());
+            if best.as_ref().is_none_or(|b| used < b.error.used(goal)) {
+                best = Some(now.clone());
+            }
+            if used <= 1.0 || left == 0 {
+                break;
+            }
+            let more_frames = worst_frames(&error, &sample, goal);
+            let fits_sample = goal.used(on_sample.worst() / 0.9, on_sample.rms() / 0.95) <= 1.0;
+            let grown = if fits_sample { None } else { grow(motion, &self.points, &tracks, &error, goal)? };
+            if more_frames.is_empty() && grown.is_none() && fits_sample {
+                break;
+            }
+            let mut frames = sample.frames;
+            frames.extend(more_frames);
+            frames.sort_unstable();
+            let next = grown.unwrap_or(tracks);
+            (self.sample, self.joints, self.emphasis) = begin(motion, &self.points, &next, frames, &blend, goal)?;
+            self.tracks = Some(next);
+        }
+        best.ok_or_else(|| Error::refused("no frame to fit a skin to"))
+    }
+
+    /// The joints on all frames for fixed weights.
+    fn settle_all(&mut self, motion: &Motion<'_>, influences: Vec<Influences>, goal: Tolerance) -> Result<Fit> {
+        let begin = match self.tracks.take() {
+            Some(tracks) => tracks,
+            None => Tracks::of_groups(motion, &self.points, &dominated(&influences, self.joints.joints()))?,
+        };
+        let blend = Blend::new(&self.points.rest, &influences, begin.joints());
+        let mut tracks = Tracks::new(begin.joints());
+        let mut error = FitError::new(self.points.vertices().len());
+        motion.each_frame(
+            &self.points,
+            |f, pose| settle(&blend, &pose, begin.frame(f), goal),
+            |_, settled| {
+                tracks.push(&settled.joints);
+                error.add(&settled);
+            },
+        )?;
+        Ok(Fit { points: self.points.clone(), influences, tracks, sample: self.sample.clone(), error })
+    }
+}
+
+/// Positions, joints and emphasis on some frames, from the transforms that a cycle starts with.
+fn begin(
     motion: &Motion<'_>,
     points: &FitPoints,
-    sample: &Sample,
-    joints: &mut JointPlanes,
-    emphasis: &mut [Emphasis],
-    rounds: usize,
+    tracks: &Tracks,
+    frames: Vec<usize>,
+    blend: &Blend<'_>,
     goal: Tolerance,
-) -> Result<(Vec<Influences>, FitError)> {
-    let mut influences = Vec::new();
-    let mut error = FitError::default();
-    for _ in 0..rounds {
-        motion.cancel.check()?;
-        influences = weigh(points, sample, joints, emphasis);
-        let blend = Blend::new(&points.rest, &influences, joints.joints());
-        let before = &*joints;
-        let settled: Vec<Settled> = emphasis
-            .par_iter_mut()
-            .enumerate()
-            .map(|(f, emphasis)| {
-                let mut now: Vec<Rigid> = (0..before.joints()).map(|k| before.get(k, f)).collect();
-                let mut left = blend.residuals(&now, &sample.pose(f));
-                blend.sweep(&mut now, &mut left, emphasis.weights());
-                emphasis.follow(&left, goal.rms, 0.4);
-                Settled::new(&now, &left)
-            })
-            .collect();
-        error = FitError::default();
-        for (f, settled) in settled.iter().enumerate() {
-            error.add(settled);
-            for (k, joint) in settled.joints.iter().enumerate() {
-                joints.set(k, f, &Rigid::unpack(joint));
+) -> Result<(Sample, JointPlanes, Vec<Emphasis>)> {
+    let sample = Sample::read(motion, points, frames)?;
+    let joints = JointPlanes::new(sample.len(), tracks.joints(), |k, f| tracks.at(sample.frames[f], k));
+    let emphasis = emphasis_of(&sample, &joints, blend, goal);
+    Ok((sample, joints, emphasis))
+}
+
+impl State {
+    /// Weights and joints in turn on the sample. Returns the weights and the errors on the sample.
+    fn alternate(&mut self, motion: &Motion<'_>, rounds: usize, goal: Tolerance) -> Result<(Vec<Influences>, FitError)> {
+        let Self { points, sample, joints, emphasis, .. } = self;
+        let mut influences = Vec::new();
+        let mut error = FitError::new(points.vertices().len());
+        for _ in 0..rounds {
+            motion.cancel.check()?;
+            influences = weigh(points, sample, joints, emphasis);
+            let blend = Blend::new(&points.rest, &influences, joints.joints());
+            let before = &*joints;
+            let settled: Vec<Settled> = emphasis
+                .par_iter_mut()
+                .enumerate()
+                .map(|(f, emphasis)| {
+                    let mut now: Vec<Rigid> = (0..before.joints()).map(|k| before.get(k, f)).collect();
+                    let mut left = blend.residuals(&now, &sample.pose(f));
+                    blend.sweep(&mut now, &mut left, emphasis.weights());
+                    emphasis.follow(&left, goal.rms, 0.4);
+                    Settled::new(&now, &left)
+                })
+                .collect();
+            error = FitError::new(points.vertices().len());
+            for (f, settled) in settled.iter().enumerate() {
+                error.add(settled);
+                for (k, joint) in settled.joints.iter().enumerate() {
+                    joints.set(k, f, &Rigid::unpack(joint));
+                }
             }
         }
+        Ok((influences, error))
     }
-    Ok((influences, error))
 }
 
 /// Weights of each point over the joints that carry it best.
@@ -230,11 +302,10 @@ pub fn smallest(values: &[f64], count: usize) -> Vec<usize> {
 
 /// Joints of one frame and what they leave over.
 #[derive(Clone, Debug)]
-pub struct Settled {
-    /// The joints.
-    pub joints: Vec<Packed>,
+struct Settled {
+    joints: Vec<Packed>,
     /// Squared error per point.
-    pub squares: Vec<f32>,
+    squares: Vec<f32>,
 }
 
 impl Settled {
@@ -247,11 +318,11 @@ impl Settled {
 }
 
 /// Fits the joints of one frame with fixed weights, the badly carried points gaining weight from round to round; the best round counts.
-pub fn settle(blend: &Blend<'_>, pose: &[DVec3], mut joints: Vec<Rigid>, rounds: usize, gain: f64, goal: Tolerance) -> Settled {
+fn settle(blend: &Blend<'_>, pose: &[DVec3], mut joints: Vec<Rigid>, goal: Tolerance) -> Settled {
     let mut left = blend.residuals(&joints, pose);
     let mut emphasis = Emphasis::new(pose.len());
     let mut best: Option<(f64, Settled)> = None;
-    for _ in 0..rounds {
+    for _ in 0..5 {
         blend.sweep(&mut joints, &mut left, emphasis.weights());
         blend.sweep(&mut joints, &mut left, emphasis.weights());
         let (sum, most) = left.iter().fold((0.0, 0f64), |(s, m), r| {
@@ -262,7 +333,7 @@ pub fn settle(blend: &Blend<'_>, pose: &[DVec3], mut joints: Vec<Rigid>, rounds:
         if best.as_ref().is_none_or(|(b, _)| used < *b) {
             best = Some((used, Settled::new(&joints, &left)));
         }
-        emphasis.follow(&left, goal.rms, gain);
+        emphasis.follow(&left, goal.rms, 0.6);
     }
     best.map_or_else(|| Settled::new(&joints, &left), |(_, settled)| settled)
 }
@@ -278,9 +349,8 @@ fn dominated(influences: &[Influences], joints: usize) -> Vec<Vec<u32>> {
 
 /// The worst frames that are not in the sample yet.
 fn worst_frames(error: &FitError, sample: &Sample, goal: Tolerance) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..error.per_frame.len()).collect();
+    let mut order = error.worst_frames(usize::MAX);
     order.retain(|f| error.per_frame[*f] > 0.8 * goal.worst && sample.frames.binary_search(f).is_err());
-    order.sort_by(|&a, &b| error.per_frame[b].total_cmp(&error.per_frame[a]).then(a.cmp(&b)));
     order.truncate(8);
     order
 }

@@ -72,34 +72,38 @@ pub struct Written<'a> {
 }
 
 impl Written<'_> {
-    /// Errors of all vertices; `vertices` are their indices in the map.
-    pub fn measure(&self, map: &impl PointMap, vertices: &[u32], spool: &Spool, cancel: &Cancel) -> Result<Vec<VertexError>> {
+    /// Errors of all vertices over the given frames; `vertices` are their indices in the map.
+    pub fn measure(
+        &self,
+        map: &impl PointMap,
+        vertices: &[u32],
+        spool: &Spool,
+        frames: &[usize],
+        cancel: &Cancel,
+    ) -> Result<Vec<VertexError>> {
         let mut errors = vec![VertexError::default(); vertices.len()];
-        let mut truth: Vec<Vec<[f32; 3]>> = vec![Vec::new(); BATCH.min(spool.frames())];
-        let mut first = 0;
-        while first < spool.frames() {
+        let mut truth: Vec<Vec<[f32; 3]>> = vec![Vec::new(); BATCH.min(frames.len())];
+        for frames in frames.chunks(BATCH) {
             cancel.check()?;
-            let count = BATCH.min(spool.frames() - first);
-            let poses = spool.read(first, count)?;
+            let poses = frames.iter().map(|&f| spool.read_one(f)).collect::<Result<Vec<_>>>()?;
             let poses: Vec<&[DVec3]> = poses.iter().map(Vec::as_slice).collect();
-            map.apply(&poses, &mut truth[..count]);
-            let matrices: Vec<Vec<[f64; 12]>> = (first..first + count).map(|f| self.flat_matrices(f)).collect();
+            map.apply(&poses, &mut truth[..frames.len()]);
+            let matrices: Vec<Vec<[f64; 12]>> = frames.iter().map(|&f| self.flat_matrices(f)).collect();
             errors.par_chunks_mut(PIECE).enumerate().for_each(|(piece, errors)| {
-                for (g, matrices) in matrices.iter().enumerate() {
+                for ((&frame, matrices), truth) in frames.iter().zip(&matrices).zip(&truth) {
                     for (k, error) in errors.iter_mut().enumerate() {
                         let i = piece * PIECE + k;
-                        let [x, y, z] = truth[g][vertices[i] as usize];
+                        let [x, y, z] = truth[vertices[i] as usize];
                         let target = self.space.leave(DVec3::new(x.into(), y.into(), z.into()));
-                        error.add(first + g, self.skinned(i, matrices).distance_squared(target));
+                        error.add(frame, self.skinned(i, matrices).distance_squared(target));
                     }
                 }
             });
-            first += count;
         }
         Ok(errors)
     }
 
-    /// Errors of some vertices, given by their places in the skin and their rows.
+    /// Errors of some vertices over all frames, given by their places in the skin and their rows.
     pub fn measure_rows(&self, rows: &[(usize, SparseRow)], spool: &Spool, cancel: &Cancel) -> Result<Vec<VertexError>> {
         let mut errors = vec![VertexError::default(); rows.len()];
         super::motion::in_batches(spool, cancel, |first, poses| {

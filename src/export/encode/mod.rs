@@ -13,14 +13,12 @@
 //!
 //! All lengths are fractions of the scan's diagonal (the unit box).
 
-use self::blend::Blend;
 use self::fit::Fit;
 use self::measure::{Summary, VertexError, Written};
 use self::motion::{FitPoints, Motion};
 use self::skin::{FileSpace, Skin};
 use self::spool::Spool;
 use self::surface::SurfaceWeights;
-use self::tracks::Tracks;
 use crate::error::Result;
 use crate::export::Cancel;
 use crate::linalg::SparseRow;
@@ -44,6 +42,11 @@ pub mod tracks;
 const REFINED: usize = 2000;
 /// Vertices of the scan that join the points of the joints' fit when the scan misses the tolerance.
 const WORST: usize = 300;
+
+/// Attempts to improve the fit by the scan's worst vertices.
+const EXTENSIONS: usize = 2;
+/// Frames that a trial is measured on besides those that it was learned from.
+const CHECKED: usize = 16;
 
 /// How far the skin may be from the motion, in fractions of the diagonal.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -137,84 +140,140 @@ pub struct Encoded {
 
 impl<M: PointMap> Job<'_, M> {
     /// Fits, rounds and measures.
+    ///
+    /// While it is on trial a skin is measured on the frames that it was learned from and the worst others; in the end on all.
     pub fn run(&self) -> Result<Encoded> {
         let motion = Motion::new(self.spool, self.proxy_rest, self.cancel)?;
         let read = surface::read_by_map(self.map, self.vertices, self.proxy_rest.len());
         let points = FitPoints::new(self.proxy_rest, read);
-        // The scan's own vertices need the rest of the tolerance.
-        let goal = Tolerance { worst: 0.8 * self.tolerance.worst, rms: 0.9 * self.tolerance.rms };
-        let fit = fit::fit(&motion, points, goal)?;
-        let rest: Vec<[f32; 3]> =
-            self.vertices.iter().map(|&v| self.space.leave(self.rest[v as usize]).as_vec3().to_array()).collect();
-        let mut best = self.write(&motion, &fit, &rest, goal)?;
+        let trial = self.trial(&motion, fit::fit(&motion, points, self.goal())?, &[])?;
+        let mut best = self.complete(&motion, self.search(&motion, trial)?)?;
         if self.used(&best) > 1.0 {
-            let other = self.write(&motion, &self.settle_worst(&motion, &fit, &best, goal)?, &rest, goal)?;
+            let frames = worst_frames(&best.errors);
+            let fit = self.extended(&motion, &best, &frames)?;
+            let other = self.complete(&motion, self.trial(&motion, fit, &frames)?)?;
             if self.used(&other) < self.used(&best) {
                 best = other;
             }
         }
-        let proxy_influences = fit.points.vertices().iter().copied().zip(fit.influences.iter().copied()).collect();
-        let summary = measure::summary(&best.errors, self.spool.frames());
-        Ok(Encoded { skin: best.skin, rest, summary, proxy_influences })
+        let summary = measure::summary(&best.errors, best.frames.len());
+        let vertices = best.fit.points.vertices().iter().copied();
+        let proxy_influences = vertices.zip(best.fit.influences.iter().copied()).collect();
+        Ok(Encoded { skin: best.skin, rest: self.rest_as_written(), summary, proxy_influences })
     }
 
-    fn used(&self, draft: &Draft) -> f64 {
-        let s = measure::summary(&draft.errors, self.spool.frames());
-        self.tolerance.used(s.worst / self.space.scale, s.rms / self.space.scale)
+    /// What the proxy's points aim at: the scan's own vertices need the rest of the tolerance.
+    fn goal(&self) -> Tolerance {
+        Tolerance { worst: 0.8 * self.tolerance.worst, rms: 0.9 * self.tolerance.rms }
     }
 
-    /// Weights on the scan, rounding, measurement; then the vertices near the tolerance once more, on all frames.
-    fn write(&self, motion: &Motion<'_>, fit: &Fit, rest: &[[f32; 3]], goal: Tolerance) -> Result<Draft> {
-        let weights = SurfaceWeights::new(self.map, fit, self.proxy_rest.len());
+    /// Extends the fit by the scan's worst vertices while that helps.
+    fn search(&self, motion: &Motion<'_>, trial: Trial) -> Result<Trial> {
+        let mut best = trial;
+        for _ in 0..EXTENSIONS {
+            if self.used(&best) <= 1.0 {
+                break;
+            }
+            let other = self.trial(motion, self.extended(motion, &best, &[])?, &best.frames)?;
+            if self.used(&other) >= self.used(&best) {
+                break;
+            }
+            best = other;
+        }
+        Ok(best)
+    }
+
+    /// The skin of a fit, measured on some frames; `frames` are among them.
+    fn trial(&self, motion: &Motion<'_>, fit: Fit, frames: &[usize]) -> Result<Trial> {
+        let weights = SurfaceWeights::new(self.map, &fit, self.proxy_rest.len());
         let influences = weights.solve(self.vertices, self.rest);
         self.cancel.check()?;
         let at_rest: Vec<DVec3> = self.vertices.iter().map(|&v| self.rest[v as usize]).collect();
-        let mut skin = Skin::new(motion, &fit.tracks, &at_rest, &influences, self.space);
-        let mut errors =
-            Written { skin: &skin, rest, space: self.space }.measure(self.map, self.vertices, self.spool, self.cancel)?;
-        let bound = 0.72 * self.tolerance.worst * self.space.scale;
-        let doubtful = surface::worst_vertices(&errors, bound, REFINED);
-        let row = |&i: &usize| self.map.row(self.vertices[i] as usize);
-        let paths: Vec<(DVec3, SparseRow)> = doubtful.iter().map(|i| (at_rest[*i], row(i))).collect();
-        let refined = weights.refine(motion, &paths, goal)?;
-        let before: Vec<Influences> = doubtful.iter().map(|&i| skin.influences(i)).collect();
+        let skin = Skin::new(motion, &fit.tracks, &at_rest, &influences, self.space);
+        let mut checked = fit.sample.frames.clone();
+        checked.extend(frames);
+        checked.extend(fit.error.worst_frames(CHECKED));
+        checked.sort_unstable();
+        checked.dedup();
+        self.measured(motion, Trial { skin, fit, frames: checked, errors: Vec::new() })
+    }
+
+    /// The same skin measured on all frames.
+    fn complete(&self, motion: &Motion<'_>, trial: Trial) -> Result<Trial> {
+        if trial.frames.len() == self.spool.frames() {
+            return Ok(trial);
+        }
+        self.measured(motion, Trial { frames: (0..self.spool.frames()).collect(), ..trial })
+    }
+
+    /// Measures on the trial's frames; then the weights of vertices near the tolerance are solved once more, on all frames.
+    fn measured(&self, motion: &Motion<'_>, mut trial: Trial) -> Result<Trial> {
+        let rest = self.rest_as_written();
+        let space = self.space;
+        let skin = &mut trial.skin;
+        let written = Written { skin, rest: &rest, space };
+        trial.errors = written.measure(self.map, self.vertices, self.spool, &trial.frames, self.cancel)?;
+        let bound = 0.72 * self.tolerance.worst * space.scale;
+        let doubtful = surface::worst_vertices(&trial.errors, bound, REFINED);
+        let rows: Vec<(usize, SparseRow)> = doubtful.iter().map(|&i| (i, self.map.row(self.vertices[i] as usize))).collect();
+        let before = written.measure_rows(&rows, self.spool, self.cancel)?;
+        let paths: Vec<(DVec3, &SparseRow)> =
+            rows.iter().map(|(i, row)| (self.rest[self.vertices[*i] as usize], row)).collect();
+        let weights = SurfaceWeights::new(self.map, &trial.fit, self.proxy_rest.len());
+        let refined = weights.refine(motion, &paths, self.goal())?;
+        let old: Vec<Influences> = doubtful.iter().map(|&i| skin.influences(i)).collect();
         for (&i, influences) in doubtful.iter().zip(&refined) {
             skin.set_influences(i, influences);
         }
-        let rows: Vec<(usize, SparseRow)> = doubtful.iter().copied().zip(paths.into_iter().map(|p| p.1)).collect();
-        let again = Written { skin: &skin, rest, space: self.space }.measure_rows(&rows, self.spool, self.cancel)?;
-        for ((&i, error), before) in doubtful.iter().zip(again).zip(&before) {
-            if error.worst_square < errors[i].worst_square {
-                errors[i] = error;
-            } else {
-                skin.set_influences(i, before);
+        let after = Written { skin, rest: &rest, space }.measure_rows(&rows, self.spool, self.cancel)?;
+        for (k, &i) in doubtful.iter().enumerate() {
+            let better = after[k].worst_square < before[k].worst_square;
+            if !better {
+                skin.set_influences(i, &old[k]);
             }
+            trial.errors[i] = if better { after[k] } else { before[k] };
         }
-        Ok(Draft { skin, errors })
+        Ok(trial)
     }
 
-    /// The joints of all frames once more, with the scan's worst vertices among the points.
-    fn settle_worst(&self, motion: &Motion<'_>, fit: &Fit, draft: &Draft, goal: Tolerance) -> Result<Fit> {
-        let worst = surface::worst_vertices(&draft.errors, 0.0, WORST);
+    /// The fit with the scan's worst vertices among its points, and with the frames where they are worst.
+    fn extended(&self, motion: &Motion<'_>, trial: &Trial, frames: &[usize]) -> Result<Fit> {
+        let fit = &trial.fit;
+        let worst = surface::worst_vertices(&trial.errors, 0.0, WORST);
         let vertex = |i: &usize| self.vertices[*i] as usize;
         let rows = worst.iter().map(|i| self.map.row(vertex(i))).collect();
         let points = fit.points.with_rows(rows, worst.iter().map(|i| self.rest[vertex(i)]));
-        let mut influences = fit.influences.clone();
-        influences.extend(worst.iter().map(|&i| draft.skin.influences(i)));
-        let blend = Blend::new(&points.rest, &influences, fit.tracks.joints());
-        let mut tracks = Tracks::new(fit.tracks.joints());
-        motion.each_frame(
-            &points,
-            |f, pose| fit::settle(&blend, &pose, fit.tracks.frame(f), 6, 0.5, goal).joints,
-            |_, joints| tracks.push(&joints),
-        )?;
-        Ok(Fit { tracks, ..fit.clone() })
+        let mut influences = fit.influences[..fit.points.vertices().len()].to_vec();
+        influences.extend(worst.iter().map(|&i| trial.skin.influences(i)));
+        fit::extend(motion, fit, points, &influences, frames, self.goal())
+    }
+
+    fn rest_as_written(&self) -> Vec<[f32; 3]> {
+        self.vertices.iter().map(|&v| self.space.leave(self.rest[v as usize]).as_vec3().to_array()).collect()
+    }
+
+    fn used(&self, trial: &Trial) -> f64 {
+        let s = measure::summary(&trial.errors, trial.frames.len());
+        self.tolerance.used(s.worst / self.space.scale, s.rms / self.space.scale)
     }
 }
 
-/// A skin on trial.
+/// A skin with its errors on some frames. Vertices near the tolerance are measured on all frames.
 #[derive(Debug)]
-struct Draft {
+struct Trial {
+    fit: Fit,
     skin: Skin,
+    frames: Vec<usize>,
     errors: Vec<VertexError>,
+}
+
+/// The frames of the worst vertices.
+fn worst_frames(errors: &[VertexError]) -> Vec<usize> {
+    let mut frames = Vec::new();
+    for i in surface::worst_vertices(errors, 0.0, WORST) {
+        if frames.len() < CHECKED && !frames.contains(&errors[i].frame) {
+            frames.push(errors[i].frame);
+        }
+    }
+    frames
 }

@@ -106,8 +106,7 @@ impl<'a> Motion<'a> {
 
     /// Points of one frame.
     pub fn frame(&self, points: &FitPoints, frame: usize) -> Result<Vec<DVec3>> {
-        let pose = self.spool.read(frame, 1)?;
-        Ok(points.gather(&pose[0], &self.roots[frame]))
+        Ok(points.gather(&self.spool.read_one(frame)?, &self.roots[frame]))
     }
 
     /// At most `count` frames that differ most, in ascending order: the farthest from the mean pose, then always the farthest from those chosen.

@@ -59,6 +59,11 @@ impl Spool {
         Ok((0..count).map(|f| pose(f).iter().map(|p| DVec3::new(p[0].into(), p[1].into(), p[2].into())).collect()).collect())
     }
 
+    /// Reads one frame.
+    pub fn read_one(&self, frame: usize) -> Result<Vec<DVec3>> {
+        Ok(self.read(frame, 1)?.pop().unwrap_or_default())
+    }
+
     fn stride(&self) -> u64 {
         self.vertices as u64 * 12
     }

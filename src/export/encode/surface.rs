@@ -67,7 +67,7 @@ impl<'a, M: PointMap> SurfaceWeights<'a, M> {
 
     /// Weights of a few vertices from all frames, each time with more emphasis on the frames that are badly met; the solution with the smallest
     /// worst frame counts.
-    pub fn refine(&self, motion: &Motion<'_>, vertices: &[(DVec3, SparseRow)], goal: Tolerance) -> Result<Vec<Influences>> {
+    pub fn refine(&self, motion: &Motion<'_>, vertices: &[(DVec3, &SparseRow)], goal: Tolerance) -> Result<Vec<Influences>> {
         let frames = motion.frames();
         let mut solved = Vec::with_capacity(vertices.len());
         for group in vertices.chunks((BUDGET / (3 * frames)).max(1)) {

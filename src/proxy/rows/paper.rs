@@ -16,7 +16,6 @@ const NOTHING: f64 = 1e-12;
 /// The paper says nothing of points without a centre within r: they take twice the distance of the nearest centre as their radius.
 #[derive(Clone, Debug)]
 pub struct TetMaps {
-    vertices: usize,
     centres: PointTree,
     radius: f64,
     tets: Vec<Barycentric>,
@@ -49,16 +48,10 @@ impl TetMaps {
         let (lo, hi) = proxy.rest.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)));
         let centres: Vec<DVec3> = proxy.boundary.iter().map(|face| centre(&proxy.rest, face)).collect();
         Self {
-            vertices: proxy.rest.len(),
             centres: PointTree::new(&centres),
             radius: RADIUS * (hi - lo).length(),
             tets: proxy.boundary_tets.iter().map(|&t| Barycentric::new(&proxy.rest, &proxy.tets[t as usize])).collect(),
         }
-    }
-
-    /// Number of proxy vertices.
-    pub fn vertices(&self) -> usize {
-        self.vertices
     }
 
     /// Adds the row of (2.12) for one point to `sum`; nothing if there is no boundary face.

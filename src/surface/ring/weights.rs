@@ -78,15 +78,18 @@ fn assemble(vertices: usize, face_count: usize, groups: &[&[u32]], weighed: &[Gr
             from += count;
         }
     }
-    Pairs { starts, faces: Indices::new(faces, face_count), weights }
+    let mut indices = Indices::new(face_count);
+    indices.extend(&faces);
+    Pairs { starts, faces: indices, weights }
 }
 
 /// Faces around each face: those that share a vertex, and the ways to those further off.
 struct Stars<'a> {
     centres: &'a [DVec3],
     tree: PointTree,
-    neighbours: Vec<Vec<u32>>,
-    /// Distance of the eighth nearest centre (the face itself counts as the first).
+    /// With the distance between the centres.
+    neighbours: Vec<Vec<(u32, f64)>>,
+    /// Distance of the eighth nearest centre (the face's own counts as the first).
     eighth: Vec<f64>,
     /// Faces that can be reached within the fade, ascending, with the length of the way between the centres.
     ways: Vec<Vec<(u32, f32)>>,
@@ -97,15 +100,21 @@ struct Scratch {
     near: Vec<Neighbour>,
     /// `ways[source][candidate]`, flat.
     ways: Vec<f64>,
-    distances: Vec<f64>,
+    /// Squared distances of the candidates from a foot.
+    squared: Vec<f64>,
     sorted: Vec<f64>,
+    to_sources: Vec<f64>,
     weights: Vec<f64>,
 }
 
 impl<'a> Stars<'a> {
     fn new(proxy: &Proxy, centres: &'a [DVec3]) -> Self {
         let tree = PointTree::new(centres);
-        let neighbours = fan_neighbours(&proxy.boundary);
+        let neighbours: Vec<Vec<(u32, f64)>> = fan_neighbours(&proxy.boundary)
+            .into_iter()
+            .zip(centres)
+            .map(|(fan, &c)| fan.into_iter().map(|n| (n, c.distance(centres[n as usize]))).collect())
+            .collect();
         let eighth: Vec<f64> = centres
             .par_iter()
             .map_init(Vec::new, |near, &c| {
@@ -128,9 +137,9 @@ impl<'a> Stars<'a> {
             .map_init(
                 || Walk::new(centres.len()),
                 |walk, face| {
-                    let around = neighbours[face].iter().map(|&n| largest_radius[n as usize]);
+                    let around = neighbours[face].iter().map(|n| largest_radius[n.0 as usize]);
                     let limit = DETOUR * around.fold(largest_radius[face], f64::max);
-                    walk.from(face as u32, limit, centres, &neighbours)
+                    walk.from(face as u32, limit, &neighbours)
                 },
             )
             .collect();
@@ -145,7 +154,7 @@ impl<'a> Stars<'a> {
         // The eighth nearest centre of a foot is at most `eighth + furthest` away from it, and the foot `furthest` from the centre.
         let reach = RADII * (self.eighth[face] + furthest) + furthest;
         self.tree.within(centre, reach * (1.0 + 1e-12), &mut scratch.near);
-        let sources: Vec<u32> = std::iter::once(face as u32).chain(self.neighbours[face].iter().copied()).collect();
+        let sources: Vec<u32> = std::iter::once(face as u32).chain(self.neighbours[face].iter().map(|n| n.0)).collect();
         scratch.ways.clear();
         for &source in &sources {
             // Both ascend by face.
@@ -163,25 +172,29 @@ impl<'a> Stars<'a> {
     }
 
     fn weigh_foot(&self, foot: DVec3, sources: &[u32], scratch: &mut Scratch, found: &mut Group) {
-        let Scratch { near, ways, distances, sorted, weights } = scratch;
-        distances.clear();
-        distances.extend(near.iter().map(|n| foot.distance(self.centres[n.point])));
-        sorted.clone_from(distances);
+        let Scratch { near, ways, squared, sorted, to_sources, weights } = scratch;
+        squared.clear();
+        squared.extend(near.iter().map(|n| foot.distance_squared(self.centres[n.point])));
+        sorted.clone_from(squared);
         let last = (NEAREST - 1).min(sorted.len() - 1);
-        let radius = RADII * *sorted.select_nth_unstable_by(last, f64::total_cmp).1;
+        let radius = RADII * sorted.select_nth_unstable_by(last, f64::total_cmp).1.sqrt();
+        to_sources.clear();
+        to_sources.extend(sources.iter().map(|&s| foot.distance(self.centres[s as usize])));
         weights.clear();
-        weights.extend(distances.iter().enumerate().map(|(k, &distance)| {
-            if distance >= radius {
+        weights.extend(squared.iter().enumerate().map(|(k, &squared)| {
+            if squared >= radius * radius {
                 return 0.0;
             }
-            let way = sources.iter().zip(ways.chunks_exact(near.len()));
-            let way = way.map(|(&s, ways)| foot.distance(self.centres[s as usize]) + ways[k]).fold(f64::INFINITY, f64::min);
-            wendland(distance.max(way / DETOUR) / radius)
+            let ways = to_sources.iter().zip(ways.chunks_exact(near.len())).map(|(to, ways)| to + ways[k]);
+            let way = ways.fold(f64::INFINITY, f64::min);
+            wendland(squared.sqrt().max(way / DETOUR) / radius)
         }));
         let mut total: f64 = weights.iter().sum();
         if total <= 0.0 {
             // The foot stands on a large face between small ones of another sheet: unfaded, so that it has a map at all.
-            weights.iter_mut().zip(distances.iter()).for_each(|(w, &d)| *w = if d < radius { wendland(d / radius) } else { 0.0 });
+            let unfaded = |&d: &f64| if d < radius * radius { wendland(d.sqrt() / radius) } else { 0.0 };
+            weights.clear();
+            weights.extend(squared.iter().map(unfaded));
             total = weights.iter().sum();
         }
         store(near, weights, total, found);
@@ -258,7 +271,7 @@ impl Walk {
         Self { lengths: vec![f64::INFINITY; faces], reached: Vec::new(), queue: BinaryHeap::new() }
     }
 
-    fn from(&mut self, face: u32, limit: f64, centres: &[DVec3], neighbours: &[Vec<u32>]) -> Vec<(u32, f32)> {
+    fn from(&mut self, face: u32, limit: f64, neighbours: &[Vec<(u32, f64)>]) -> Vec<(u32, f32)> {
         self.lengths[face as usize] = 0.0;
         self.reached.push(face);
         // Bits of numbers that are not negative sort like the numbers.
@@ -268,8 +281,8 @@ impl Walk {
             if length > self.lengths[here as usize] {
                 continue;
             }
-            for &next in &neighbours[here as usize] {
-                let longer = length + centres[here as usize].distance(centres[next as usize]);
+            for &(next, step) in &neighbours[here as usize] {
+                let longer = length + step;
                 let known = &mut self.lengths[next as usize];
                 if longer <= limit && longer < *known {
                     if known.is_infinite() {
