@@ -5,6 +5,8 @@ use glam::DVec3;
 mod build;
 mod caps;
 mod carve;
+#[cfg(test)]
+mod corpus;
 mod decimate;
 mod delaunay;
 mod disjoint;
