@@ -167,8 +167,8 @@ fn what_cannot_be_simplified_becomes_cubes() {
     }
     let built = build(&mesh.0, &mesh.1, &BuildOptions { surface_vertices: 200 }, &|| Ok(())).unwrap();
     assert_consistent(&built.proxy);
-    assert_eq!((built.summary.form, built.summary.body_pieces), (Form::Cubes, 256));
-    assert!(built.notes.iter().any(|n| n.contains("729 vertices are left where 200 were wanted")));
+    assert_eq!(built.summary.form, Form::Cubes);
+    assert!(built.notes.iter().any(|n| n.contains("vertices are left where 200 were wanted")));
     assert!((100..400).contains(&built.summary.vertices), "{}", built.summary.vertices);
 }
 
@@ -224,6 +224,21 @@ fn fingers_with_air_between_them_stay_apart() {
     };
     let joined = built.proxy.tets.iter().filter(|t| t.iter().any(|&v| finger(v) > 0) && t.iter().any(|&v| finger(v) < 0)).count();
     assert_eq!(joined, 0);
+}
+
+#[test]
+fn an_edge_through_air_is_cut_from_the_width_of_the_gap_on() {
+    let mut mesh = cuboid(DVec3::new(-0.3, -0.2, -0.2), DVec3::new(-0.02, 0.2, 0.2), 4);
+    add(&mut mesh, cuboid(DVec3::new(0.02, -0.2, -0.2), DVec3::new(0.3, 0.2, 0.2), 4));
+    let tree = TriangleTree::new(&mesh.0, &mesh.1);
+    let points = [(-0.2, 0.0, 0.0), (-0.1, 0.1, 0.0), (-0.1, 0.0, 0.1), (-0.1, 0.0, 0.0), (0.06, 0.05, 0.05)].map(DVec3::from);
+    let across = [[0, 1, 2, 3], [3, 1, 2, 4]];
+    // The samples nearest to the middle of the gap, 0.04 wide, are almost 0.02 away from its sides.
+    for (gap, cut) in [(0.01, 1), (0.03, 0)] {
+        let mut tets = across.to_vec();
+        assert_eq!(carve::cut_air_gaps(&points, &mut tets, &tree, gap), cut);
+        assert_eq!(tets[..], across[..2 - cut]);
+    }
 }
 
 #[test]
