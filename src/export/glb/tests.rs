@@ -197,10 +197,10 @@ impl Read {
         for primitive in self.document.meshes().next().unwrap().primitives() {
             let reader = primitive.reader(|_| Some(&self.blob));
             let joints = reader.read_joints(0).unwrap().into_u16();
-            let weights = reader.read_weights(0).unwrap().into_f32();
+            let weights = reader.read_weights(0).unwrap().into_u16();
             for ((p, joints), weights) in reader.read_positions().unwrap().zip(joints).zip(weights) {
                 let p = DVec3::from_array(p.map(f64::from));
-                let moved = |k: usize| matrices[joints[k] as usize].transform_point3(p) * f64::from(weights[k]);
+                let moved = |k: usize| matrices[joints[k] as usize].transform_point3(p) * (f64::from(weights[k]) / 65535.0);
                 posed.push((0..4).map(moved).sum());
                 rest.push(p);
             }
