@@ -337,6 +337,7 @@ fn binding_json(binding: &Binding) -> Value {
     let known = |value: String, how: crate::space::Evidence| json!({ "value": value, "from": how.to_string() });
     json!({
         "align": d.align.to_string(),
+        "on_skin": d.on_skin,
         "reference_frame": d.reference_frame,
         "reference_capture": d.reference_capture,
         "scale": d.scale,
