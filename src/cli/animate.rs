@@ -76,6 +76,7 @@ impl Setup {
         warn(console, &mut warnings, &scan.notes);
         warn(console, &mut warnings, &capture.notes);
         warn(console, &mut warnings, &binding.notes);
+        warn(console, &mut warnings, &unbound(&binding));
         binding_details(&binding).iter().for_each(|line| console.detail(line));
         let (proxy, remarks, notes) = built?;
         console.station("proxy", &remarks);
@@ -319,6 +320,20 @@ fn capture_counts(capture: &Capture) -> String {
     let Motion::Markers(take) = &capture.motion;
     let rate = words::digits((capture.rate * 1000.0).round() / 1000.0);
     format!("{}, {} at {rate} Hz", words::plural(take.markers(), "marker"), words::plural(take.frames(), "frame"))
+}
+
+/// The markers that do not pull, by name.
+fn unbound(binding: &Binding) -> Notes {
+    const NAMED: usize = 6;
+    let mut notes = Notes::default();
+    if !binding.unbound.is_empty() {
+        let named: Vec<String> =
+            binding.unbound.iter().take(NAMED).map(|(label, reason)| format!("{label} ({reason})")).collect();
+        let more = binding.unbound.len().saturating_sub(NAMED);
+        let more = if more > 0 { format!(" and {more} more, see --verbose") } else { String::new() };
+        notes.warn(format!("{} not bound: {}{more}", words::plural(binding.unbound.len(), "marker"), named.join(", ")));
+    }
+    notes
 }
 
 /// One line per marker, for `--verbose`.
