@@ -1,6 +1,6 @@
 //! What is measured of a finished run, from its cache, its report and the rest scan.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DMat4, DQuat, DVec3, DVec4};
 use retarget::scan::Scan;
 use serde_json::Value;
 use std::fs::File;
@@ -173,17 +173,34 @@ fn distance_after_rigid_motion(rest: &[DVec3], pose: &[DVec3]) -> (f64, f64) {
     let mut covariance = DMat3::ZERO;
     for (&x, &y) in rest.iter().zip(pose) {
         let (x, y) = (x - p, y - q);
-        covariance += DMat3::from_cols(y * x.x, y * x.y, y * x.z);
+        covariance += DMat3::from_cols(x * y.x, x * y.y, x * y.z);
     }
-    // Newton's iteration for the polar factor; a body that is moved and bent keeps a positive determinant.
-    let mut r = covariance * (1.0 / covariance.determinant().abs().cbrt());
-    assert!(r.determinant() > 0.0, "the shape is mirrored or flat");
-    for _ in 0..60 {
-        r = (r + r.inverse().transpose()) * 0.5;
-    }
+    let r = rotation_of(&covariance);
     let distances = rest.iter().zip(pose).map(|(&x, &y)| (r * (x - p) + q).distance(y));
     let (worst, squares) = distances.fold((0.0f64, 0.0), |(worst, sum), d| (worst.max(d), sum + d * d));
     (worst, (squares / rest.len() as f64).sqrt())
+}
+
+/// Horn 1987: the best rotation is the eigenvector of the largest eigenvalue of a 4 × 4 matrix, here by squaring it again and again.
+fn rotation_of(covariance: &DMat3) -> DQuat {
+    let s = |i: usize, j: usize| covariance.col(j)[i];
+    let [x, y, z] = [s(1, 2) - s(2, 1), s(2, 0) - s(0, 2), s(0, 1) - s(1, 0)];
+    let [xy, yz, zx] = [s(0, 1) + s(1, 0), s(1, 2) + s(2, 1), s(2, 0) + s(0, 2)];
+    let mut n = DMat4::from_cols(
+        DVec4::new(s(0, 0) + s(1, 1) + s(2, 2), x, y, z),
+        DVec4::new(x, s(0, 0) - s(1, 1) - s(2, 2), xy, zx),
+        DVec4::new(y, xy, s(1, 1) - s(0, 0) - s(2, 2), yz),
+        DVec4::new(z, zx, yz, s(2, 2) - s(0, 0) - s(1, 1)),
+    );
+    let size = |m: &DMat4| m.to_cols_array().iter().map(|c| c * c).sum::<f64>().sqrt();
+    // Shifted so that the largest eigenvalue is also the largest in size.
+    n += DMat4::IDENTITY * size(&n);
+    for _ in 0..40 {
+        n *= 1.0 / size(&n);
+        n *= n;
+    }
+    let longest = (0..4).map(|i| n.col(i)).max_by(|a, b| a.length_squared().total_cmp(&b.length_squared())).unwrap();
+    DQuat::from_xyzw(longest.y, longest.z, longest.w, longest.x).normalize()
 }
 
 /// A PC2 cache, read frame by frame: the caches of whole takes are larger than one wants to hold.
@@ -220,5 +237,19 @@ impl Cache {
             *point = DVec3::new(number(&b[..4]), number(&b[4..8]), number(&b[8..]));
         }
         Some(&self.pose)
+    }
+}
+
+#[test]
+fn a_rigid_motion_is_no_distance() {
+    let rest: Vec<DVec3> =
+        (0..50).map(|i| DVec3::new((f64::from(i) * 1.7).sin(), (f64::from(i) * 2.3).cos(), f64::from(i % 7))).collect();
+    for turn in [0.0, 0.4, 3.1] {
+        let r = DQuat::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), turn);
+        let mut pose: Vec<DVec3> = rest.iter().map(|&p| r * p + DVec3::new(3.0, -5.0, 1.0)).collect();
+        assert!(distance_after_rigid_motion(&rest, &pose).0 < 1e-9);
+        pose[7] += DVec3::X;
+        let (worst, rms) = distance_after_rigid_motion(&rest, &pose);
+        assert!(worst > 0.9 && worst < 1.0 && rms > 0.1 && rms < 0.15, "{worst} {rms}");
     }
 }
