@@ -8,14 +8,14 @@ use super::reference::{self, Chosen, Landed};
 use super::segments::{self, Segment, Side, Skeleton};
 use super::similarity::{Held, Similarity, upright};
 use super::track::Track;
-use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, clusters, places, raw, refuse};
+use super::{
+    Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, checks, clusters, places, raw, refuse,
+};
 use crate::capture::{Capture, Motion};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::space::{Evidence, Known, Unit};
 use glam::DVec3;
 
-/// Named markers below which no body can be recognised.
-const FEWEST_NAMED: usize = 10;
 /// Root mean square of a similarity, in statures, below which actor and scan are alike in shape and pose.
 const ALIKE: f64 = 0.015;
 /// The same beyond which the reference frame is not the scan's pose in any way.
@@ -37,8 +37,10 @@ const PROP: f64 = 0.02;
 pub(super) const OUTSIDE: f64 = 0.05;
 /// Frames that the whole-take measures look at.
 const SAMPLES: usize = 60;
-/// Distances between neighbouring handles that change by more than this are worth a word (95th percentile).
-const STRETCH: f64 = 0.15;
+/// Distances along bones that differ by more than this are worth a word (95th percentile).
+const STRETCH: f64 = 0.25;
+/// Length ratios of actor and scan farther from 1 than this are worth a word: targets keep the actor's lengths.
+const OTHER_BUILD: f64 = 0.10;
 
 /// Binds a capture to a scan.
 ///
@@ -58,7 +60,11 @@ pub fn bind(
         return Err(Error::refused("there is no marker to bind").file(&capture.source));
     }
     if options.align == Align::None {
-        return raw::bind_as_it_is(scan, body.as_ref().ok(), &take, options);
+        let mut binding = raw::bind_as_it_is(scan, body.as_ref().ok(), &take, options)?;
+        if reference.is_some() {
+            binding.notes.warn("the reference capture is not used with --align none");
+        }
+        return Ok(binding);
     }
     let body = match body {
         Ok(body) => oriented(body, options),
@@ -68,7 +74,7 @@ pub fn bind(
             {
                 return raw::bind_found(scan, None, &take, found, options);
             }
-            return Err(no_body(&reason));
+            return Err(checks::no_body(&reason));
         }
     };
     let skeleton = Skeleton::of(&body);
@@ -103,12 +109,12 @@ impl<'a> Take<'a> {
         (first, first + self.track.take.frames() as i64 - 1)
     }
 
-    fn label(&self, marker: usize) -> &str {
+    pub(super) fn label(&self, marker: usize) -> &str {
         &self.track.take.labels[marker]
     }
 
     /// The marker of `other` that is this take's `marker`: the same place, or the same label.
-    fn twin(&self, marker: usize, other: &Take<'_>) -> Option<usize> {
+    pub(super) fn twin(&self, marker: usize, other: &Take<'_>) -> Option<usize> {
         let by_place = self.names.places[marker]
             .as_ref()
             .and_then(|p| other.names.iter().find(|(_, q)| q.landmark == p.landmark && q.side == p.side).map(|(i, _)| i));
@@ -124,13 +130,6 @@ fn oriented(body: Body, options: &Options) -> Body {
         body.forward = level.try_normalize().unwrap_or_else(|| body.up.any_orthonormal_vector());
     }
     body
-}
-
-fn no_body(reason: &NotHuman) -> Error {
-    let numbers = reason.margin_and_cost.map_or(String::new(), |(margin, cost)| format!(" (margin {margin:.2}, cost {cost:.2})"));
-    Error::refused(format!("no human body is recognised in the scan: {}{numbers}", reason.reason))
-        .expected("an upright person with arms and legs apart (margin 0.15 or more, cost up to 0.45)")
-        .hint("--align none when the scan is where the capture's markers are")
 }
 
 /// The unit of a scan from the user, its file, or the size of the body in it.
@@ -157,7 +156,7 @@ impl Human<'_> {
         let options = self.options;
         let mut notes = Notes::default();
         self.check_body(&mut notes)?;
-        check_labels(self.take)?;
+        checks::labels(self.take)?;
         let actor = actor::read(&self.take.track, &self.take.names, &self.take.capture.space, options, &mut notes)
             .map_err(|e| e.file(&self.take.capture.source))?;
         self.check_sides(&actor, &mut notes)?;
@@ -172,8 +171,8 @@ impl Human<'_> {
         let still = reference.map(|capture| Take::of(capture, options));
         let posed = still.as_ref().unwrap_or(self.take);
         if still.is_some() {
-            check_labels(posed)?;
-            check_same_actor(self.take, posed)?;
+            checks::labels(posed)?;
+            checks::same_actor(self.take, posed)?;
         }
         let still_actor = match &still {
             Some(still) => actor::read(&still.track, &still.names, &still.capture.space, options, &mut Notes::default())
@@ -203,6 +202,14 @@ impl Human<'_> {
         }
         self.warn_of_pose(&fit, still.is_some(), &mut notes);
         self.check_fit(posed, &fit, &mut notes)?;
+        if !self
+            .take
+            .names
+            .iter()
+            .any(|(_, p)| p.segment() == Segment::Head || p.segment() == Segment::Trunk || p.segment().is_arm())
+        {
+            notes.warn("no upper-body markers: the upper body moves with the pelvis");
+        }
         let mut binding = self.attach(posed, still.is_some(), &actor, &fit, align, held, factor, notes)?;
         let diagonal = self.scan.unit_box.diagonal;
         let d = &mut binding.decisions;
@@ -441,14 +448,23 @@ impl Human<'_> {
             strain: None,
         };
         let similarity = placement.similarity;
-        if let Some((median, p95)) = strain(take, &handles, &similarity, &frames, self.skeleton.stature) {
+        if let Some((median, p95)) = checks::strain(take, &handles, &similarity, &frames, self.skeleton.stature) {
             decisions.strain = Some((100.0 * median, 100.0 * p95));
-            if p95 > STRETCH {
-                let ratios: Vec<String> = decisions.proportions.iter().map(|(name, r)| format!("{name} {r:.2}")).collect();
+            let stretched: Vec<String> = decisions
+                .proportions
+                .iter()
+                .filter(|(_, r)| (r - 1.0).abs() > OTHER_BUILD)
+                .map(|(name, r)| format!("{name} {r:.2}"))
+                .collect();
+            if !stretched.is_empty() {
                 notes.warn(format!(
-                    "distances along bones differ by {:.0} % (p95): actor and scan differ in proportions ({}) or a marker is off",
-                    100.0 * p95,
-                    ratios.join(", ")
+                    "actor and scan differ in build ({}): the scan's limbs are stretched to the actor's lengths",
+                    stretched.join(", ")
+                ));
+            } else if p95 > STRETCH {
+                notes.warn(format!(
+                    "distances along bones differ by {:.0} % (p95): a marker may sit elsewhere than its label says",
+                    100.0 * p95
                 ));
             }
         }
@@ -536,55 +552,6 @@ impl Fitted<'_> {
     }
 }
 
-fn check_labels(take: &Take<'_>) -> Result<()> {
-    let named = take.names.count();
-    let core = take.names.iter().filter(|(_, p)| matches!(p.segment(), Segment::Pelvis | Segment::Trunk)).count();
-    if named >= FEWEST_NAMED && core >= 4 {
-        return Ok(());
-    }
-    let unknown: Vec<&str> =
-        (0..take.track.take.markers()).filter(|&i| take.names.places[i].is_none()).take(6).map(|i| take.label(i)).collect();
-    Err(Error::refused(format!(
-        "{named} of {} labels name a place on the body, {core} of them on trunk and pelvis (unknown: {})",
-        take.track.take.markers(),
-        unknown.join(", ")
-    ))
-    .file(&take.capture.source)
-    .expected(format!("{FEWEST_NAMED} known labels, 4 of them on trunk and pelvis"))
-    .hint("--align none when the scan is where the capture's markers are"))
-}
-
-/// Distances inside segments must agree between take and reference capture.
-fn check_same_actor(take: &Take<'_>, still: &Take<'_>) -> Result<()> {
-    let typical = |t: &Take<'_>, i: usize, j: usize| {
-        let mut lengths: Vec<f64> =
-            t.track.sample(30).into_iter().filter_map(|f| Some((t.track.point(f, i)? - t.track.point(f, j)?).length())).collect();
-        quantile(&mut lengths, 0.5)
-    };
-    let mut ratios = Vec::new();
-    for (i, a) in take.names.iter() {
-        for (j, b) in take.names.iter().filter(|&(j, b)| j > i && b.segment() == a.segment()) {
-            if let (Some(k), Some(l)) = (take.twin(i, still), take.twin(j, still))
-                && let (Some(here), Some(there)) = (typical(take, i, j), typical(still, k, l))
-                && here > 0.0
-            {
-                ratios.push(there / here);
-            }
-            let _ = b;
-        }
-    }
-    match quantile(&mut ratios, 0.5) {
-        Some(ratio) if (0.93..=1.07).contains(&ratio) => Ok(()),
-        Some(ratio) => Err(Error::refused(format!("the reference capture is {ratio:.3} times the size of the take"))
-            .file(&still.capture.source)
-            .expected("the same actor in the same unit (0.93 to 1.07)")
-            .hint("another --ref-file, or none")),
-        None => Err(Error::refused("the reference capture shares no two labels of one segment with the take")
-            .file(&still.capture.source)
-            .hint("a --ref-file of the same marker set")),
-    }
-}
-
 /// Scan units per unit of the capture; 1 where one of them is unknown.
 pub(super) fn unit_factor(capture: Option<Known<Unit>>, scan: Option<Known<Unit>>) -> f64 {
     match (capture, scan) {
@@ -597,37 +564,4 @@ pub(super) fn unit_factor(capture: Option<Known<Unit>>, scan: Option<Known<Unit>
 pub(super) fn outside(scan: &ScanShape<'_>, p: DVec3) -> Option<f64> {
     let closest = scan.tree.closest(p)?;
     (closest.distance > OUTSIDE && scan.tree.winding(p).abs() < 0.5).then_some(closest.distance)
-}
-
-/// Median and 95th percentile of the relative difference between distances of targets and of attachments, over pairs that a body keeps
-/// apart by a bone: on one segment, or at the two ends of a limb's segment.
-fn strain(
-    take: &Take<'_>,
-    handles: &[BoundMarker],
-    placement: &Similarity,
-    frames: &[usize],
-    stature: f64,
-) -> Option<(f64, f64)> {
-    let mut values = Vec::new();
-    for (i, a) in handles.iter().enumerate() {
-        for b in &handles[i + 1..] {
-            let (Some(s), Some(t)) = (a.segment, b.segment) else { continue };
-            let rest = (a.attachment - b.attachment).length();
-            let (p, q) = (&take.names.places[a.marker], &take.names.places[b.marker]);
-            let ends = match (p, q) {
-                (Some(p), Some(q)) => p.is_bone_with(q) || q.is_bone_with(p),
-                _ => false,
-            };
-            if s != t && !ends || rest < 0.05 * stature {
-                continue;
-            }
-            for &f in frames {
-                if let (Some(p), Some(q)) = (take.track.point(f, a.marker), take.track.point(f, b.marker)) {
-                    values.push(((p - q).length() * placement.scale / rest - 1.0).abs());
-                }
-            }
-        }
-    }
-    let p95 = quantile(&mut values, 0.95)?;
-    Some((quantile(&mut values, 0.5)?, p95))
 }

@@ -126,9 +126,9 @@ pub(crate) fn predict(
     })
 }
 
-/// Markers of stiff segments that leave the others of their segment by more than `limit` (95th percentile over the frames, in statures).
+/// Markers of stiff segments that move against the others of their segment by more than `limit` (in statures), with that movement.
 ///
-/// Only segments with four markers or more can tell who of them strays, and only where one strays much farther than the others.
+/// Only segments with four markers or more can tell which of them strays, and only where one does so much more than the next.
 pub(crate) fn strays(track: &Track<'_>, names: &Names, frames: &[usize], stature: f64, limit: f64) -> Vec<(usize, f64)> {
     let mut out = Vec::new();
     for segment in Segment::ALL.into_iter().filter(|s| s.is_stiff()) {
@@ -137,7 +137,7 @@ pub(crate) fn strays(track: &Track<'_>, names: &Names, frames: &[usize], stature
             continue;
         }
         let mut far: Vec<(f64, usize)> =
-            own.iter().filter_map(|&i| Some((departure(track, &own, i, frames, stature)?, i))).collect();
+            own.iter().filter_map(|&i| Some((movement(track, &own, i, frames)? / stature, i))).collect();
         far.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         if let [(worst, marker), (second, _), ..] = far[..]
             && worst > limit
@@ -149,17 +149,16 @@ pub(crate) fn strays(track: &Track<'_>, names: &Names, frames: &[usize], stature
     out
 }
 
-/// 95th percentile of a marker's distance from where the others carry it from the first frame that shows it.
-fn departure(track: &Track<'_>, others: &[usize], marker: usize, frames: &[usize], stature: f64) -> Option<f64> {
-    let start = frames.iter().copied().find(|&f| track.point(f, marker).is_some())?;
-    let home = track.point(start, marker)?;
-    let mut distances: Vec<f64> = frames
-        .iter()
-        .filter_map(|&f| {
-            let p = track.point(f, marker)?;
-            let (q, t) = motion(track, others, start, f, Some(marker))?;
-            Some((q * home + t - p).length() / stature)
-        })
-        .collect();
-    quantile(&mut distances, 0.95)
+/// Change of a marker's distances from its mates over the frames: the median mate's 95th percentile. One stray spoils one distance of
+/// each mate, but all of its own.
+fn movement(track: &Track<'_>, mates: &[usize], marker: usize, frames: &[usize]) -> Option<f64> {
+    let change = |&mate: &usize| {
+        let mut lengths: Vec<f64> =
+            frames.iter().filter_map(|&f| Some((track.point(f, marker)? - track.point(f, mate)?).length())).collect();
+        let middle = quantile(&mut lengths, 0.5)?;
+        let mut changes: Vec<f64> = lengths.iter().map(|l| (l - middle).abs()).collect();
+        quantile(&mut changes, 0.95)
+    };
+    let mut changes: Vec<f64> = mates.iter().filter(|&&mate| mate != marker).filter_map(change).collect();
+    quantile(&mut changes, 0.5)
 }

@@ -99,7 +99,7 @@ impl Decisions {
             self.align.to_string(),
             format!("reference frame {}{of} ({first}\u{2013}{last})", self.reference_frame),
             format!("scale {:.3}", self.scale),
-            format!("yaw {:.0}°", self.yaw),
+            format!("yaw {:.0}°", self.yaw.round() + 0.0),
         ];
         let mut bound = format!("{} of {} markers bound", self.bound, self.markers);
         if let Some((median, worst, label)) = &self.off_surface {

@@ -2,6 +2,7 @@
 
 mod actor;
 mod bind;
+mod checks;
 mod clusters;
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::print_stderr)]

@@ -361,3 +361,53 @@ fn arms_below_the_scans_are_measured() {
         assert!((found.arm_elevation(&skeleton, side) + 57.3).abs() < 4.0);
     }
 }
+
+#[test]
+fn a_belt_marker_on_a_folding_belly_is_held_softly() {
+    let person = person(0.75);
+    let mut words = PLUG_IN_GAIT.to_vec();
+    words.push("MFWT");
+    let labels = labels_of(&words);
+    let seen = landmarks_of(&person, &labels);
+    let skeleton = Skeleton::of(&person.body);
+    let frames: Vec<Vec<DVec3>> = (0..20)
+        .map(|k| {
+            let swing = f64::from(k) * 0.05;
+            let mut frame = fit::simulate(&skeleton, &seen, &[(Segment::LeftThigh, DVec3::X * -swing)], &[]);
+            if let Some(belt) = frame.last_mut().filter(|_| k > 10) {
+                *belt -= skeleton.forward * 0.1 * skeleton.stature * swing;
+            }
+            frame
+        })
+        .collect();
+    let binding = bound(&person, &take(&person, &labels, &frames, 0.4, 0.5), &Options::default()).unwrap();
+    let soft: Vec<&str> = binding.handles.iter().filter(|h| h.beta < 1.0).map(|h| h.label.as_str()).collect();
+    assert_eq!(soft, ["MFWT"]);
+}
+
+#[test]
+fn a_lower_body_set_binds_legs_and_pelvis_and_says_so() {
+    let person = person(0.75);
+    let labels = labels_of(&PLUG_IN_GAIT[19..]);
+    let seen = landmarks_of(&person, &labels);
+    let skeleton = Skeleton::of(&person.body);
+    let turns = [(Segment::LeftThigh, DVec3::X * -0.3), (Segment::LeftShank, DVec3::X * 0.4)];
+    let frame = fit::simulate(&skeleton, &seen, &turns, &[]);
+    let binding = bound(&person, &take(&person, &labels, &[frame], 0.4, 0.5), &Options::default()).unwrap();
+    assert_eq!(binding.handles.len(), 16);
+    assert!(worst(&person, &labels, &binding) < 0.03, "{}", worst(&person, &labels, &binding));
+    assert!(binding.notes.iter().any(|n| n.starts_with("no upper-body markers")));
+}
+
+#[test]
+fn legs_much_longer_than_the_scans_are_named() {
+    let person = person(0.75);
+    let labels = labels_of(&PLUG_IN_GAIT);
+    let seen = landmarks_of(&person, &labels);
+    let skeleton = Skeleton::of(&person.body);
+    let ratios = [(Ratio::Thigh, 1.3), (Ratio::Shank, 1.3)];
+    let frame = fit::simulate(&skeleton, &seen, &[], &ratios);
+    let binding = bound(&person, &take(&person, &labels, &[frame], 0.4, 0.5), &Options::default()).unwrap();
+    let note = binding.notes.iter().find(|n| n.starts_with("actor and scan differ in build")).unwrap();
+    assert!(note.contains("thigh 1."), "{note}");
+}

@@ -87,8 +87,10 @@ impl Setup {
         let handles: Vec<Handle> =
             binding.handles.iter().map(|h| Handle { name: h.label.clone(), row: rows.row(h.attachment), beta: h.beta }).collect();
         let options = Options { tolerance: args.quality.tolerance(), iterations: args.iterations, ..Options::default() };
-        let (map, deformer) =
-            rayon::join(|| SurfaceMap::build_by_pieces(&proxy, &points, &scan.mesh.faces, args.map.into()), || Volumetric::new(&proxy, &handles, &options));
+        let (map, deformer) = rayon::join(
+            || SurfaceMap::build_by_pieces(&proxy, &points, &scan.mesh.faces, args.map.into()),
+            || Volumetric::new(&proxy, &handles, &options),
+        );
         let (map, deformer) = (Arc::new(map?), deformer?);
         clock.lap("map and factor");
         cancel.check()?;

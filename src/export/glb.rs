@@ -5,6 +5,7 @@
 
 use super::encode::spool::Spool;
 use super::encode::{Encoded, Job, Tolerance, skin::FileSpace};
+use super::files::Pending;
 use super::{FrameBatch, FrameSink, Header, Needs, Written};
 use crate::error::{Error, Notes, Result};
 use crate::scan::{NONE, UnitBox};
@@ -14,7 +15,6 @@ use glam::DVec3;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use tempfile::NamedTempFile;
 
 mod container;
 mod document;
@@ -40,7 +40,7 @@ pub struct GlbSink {
 struct Open {
     header: Arc<Header>,
     spool: Spool,
-    file: NamedTempFile,
+    file: Pending,
 }
 
 impl GlbSink {
@@ -68,9 +68,9 @@ impl FrameSink for GlbSink {
         if !(header.rate.is_finite() && header.rate > 0.0) {
             return Err(Error::refused(format!("a frame rate of {}", header.rate)).file(&self.path));
         }
-        let folder = folder_of(&self.path);
+        let file = Pending::create(&self.path)?;
+        let folder = self.path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let spool = Spool::new(folder, header.proxy.rest.len()).map_err(|e| e.file(&self.path))?;
-        let file = temporary(folder).map_err(|e| Error::unwritable(&self.path, &e))?;
         self.open = Some(Open { header: header.clone(), spool, file });
         Ok(())
     }
@@ -82,11 +82,9 @@ impl FrameSink for GlbSink {
     }
 
     fn finish(mut self: Box<Self>) -> Result<Written> {
-        self.opened();
-        let Some(open) = self.open.take() else { return Err(Error::refused("no frames").file(&self.path)) };
-        if open.spool.frames() == 0 {
+        let Some(open) = self.open.take().filter(|o| o.spool.frames() > 0) else {
             return Err(Error::refused("no frames").file(&self.path));
-        }
+        };
         write(open, self.path, self.tolerance)
     }
 }
@@ -135,11 +133,11 @@ fn write(open: Open, path: PathBuf, tolerance: Tolerance) -> Result<Written> {
     let (document, buffer) = content.build(&mut notes);
     header.cancel.check()?;
     let unwritable = |e: std::io::Error| Error::unwritable(&path, &e);
-    let mut out = BufWriter::with_capacity(1 << 20, file.as_file_mut());
-    let bytes = buffer.write(document, &mut out).map_err(unwritable)?;
+    let mut out = BufWriter::with_capacity(1 << 20, file.file_mut());
+    buffer.write(document, &mut out).map_err(unwritable)?;
     out.flush().map_err(unwritable)?;
     drop(out);
-    file.persist(&path).map_err(|e| unwritable(e.error))?;
+    let bytes = file.finish()?;
     remark(&header, &encoded, vertices.len(), tolerance, &mut notes);
     Ok(Written {
         path,
@@ -185,18 +183,5 @@ fn remark(header: &Header, encoded: &Encoded, vertices: usize, tolerance: Tolera
     }
 }
 
-fn folder_of(path: &Path) -> &Path {
-    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
-}
-
-/// A file that is gone unless it is put in place, with the permissions of an ordinary new file.
-fn temporary(folder: &Path) -> std::io::Result<NamedTempFile> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".retarget-").suffix(".glb");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    builder.tempfile_in(folder)
-}
+#[cfg(test)]
+mod tests;

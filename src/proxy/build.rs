@@ -32,10 +32,15 @@ const HOLLOW: f64 = 0.75;
 const BURIED: f64 = 1.5;
 /// Share of the area without a body below it from which the surface is a sheet.
 const SHEET: f64 = 0.5;
+/// Share of the area from which what has a volume is taken for the body; the rest may be a floor larger than it.
+const BODY_AREA: f64 = 0.1;
 /// Share of the area inside other parts from which the user is told.
 const MUCH_BURIED: f64 = 0.05;
 /// Share of the area that a piece must have to be coated where the surface is a sheet.
 const COATED_AREA: f64 = 0.002;
+
+/// A surface that keeps more than this multiple of the wanted vertices, since its edges have too many triangles, is not tetrahedralized.
+const TOO_MANY: usize = 2;
 
 /// What the user may choose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -213,7 +218,7 @@ impl Surface {
         let body = pieces.body(1.0);
         let area: f64 = pieces.list.iter().zip(&body).filter(|(_, body)| **body).map(|(p, _)| p.area).sum();
         let volume = pieces.list.iter().zip(&body).filter(|(_, body)| **body).map(|(p, _)| p.volume).sum();
-        if area > SHEET * total {
+        if area > BODY_AREA * total {
             let mut surface = Self::of(&points, &triangles, |t| body[pieces.of[t] as usize], true);
             let (hollow, buried) = surface.probe();
             if hollow <= SHEET {
@@ -301,6 +306,9 @@ fn fill(
         refine(&mut points, &mut triangles, fewest);
     }
     decimate(&mut points, &mut triangles, target);
+    if points.len() > TOO_MANY * target {
+        return Ok(Err(format!("{} vertices are left where {target} were wanted", points.len())));
+    }
     cancel()?;
     let coarse = capped_tree(&points, &triangles, &caps(&points, &triangles));
     let inner = inner_points(&coarse, surface.volume, points.len());

@@ -12,7 +12,7 @@ const CLEARANCE: f64 = 0.45;
 /// Displacement per coordinate relative to the spacing; breaks the regularity that makes Delaunay slivers.
 const JITTER: f64 = 0.1;
 /// More points than this help nobody; the spacing grows instead.
-const MOST_SITES: f64 = 2e6;
+const MOST_SITES: f64 = 5e5;
 
 /// Points of a jittered body-centred lattice inside the surface of `tree`, for a body of `volume` with `surface` vertices on its skin.
 pub(super) fn inner_points(tree: &TriangleTree, volume: f64, surface: usize) -> Vec<DVec3> {

@@ -5,6 +5,8 @@ use glam::DVec3;
 mod build;
 mod caps;
 mod carve;
+#[cfg(test)]
+mod corpus;
 mod decimate;
 mod delaunay;
 mod disjoint;
@@ -33,6 +35,6 @@ pub struct Proxy {
     pub boundary: Vec<[u32; 3]>,
     /// Tetrahedron behind each boundary triangle (index into `tets`); where that one was flat, a counted neighbour.
     pub boundary_tets: Vec<u32>,
-    /// Component of each tetrahedron, numbered from 0.
+    /// Component of each tetrahedron, numbered from 0. Components have no vertex in common, so each needs handles of its own.
     pub components: Vec<u32>,
 }

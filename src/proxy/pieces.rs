@@ -86,14 +86,13 @@ fn agree(triangles: &[[u32; 3]], neighbours: &[u32]) -> Agreement {
         of[seed] = count;
         queue.push(seed);
         while let Some(t) = queue.pop() {
-            for corner in 3 * t..3 * t + 3 {
-                let across = neighbours[corner];
+            for (k, &across) in neighbours[3 * t..3 * t + 3].iter().enumerate() {
                 let n = across as usize / 3;
                 if across == u32::MAX || of[n] != u32::MAX {
                     continue;
                 }
                 // Two triangles agree when they run along their common edge in opposite directions.
-                turned[n] = turned[t] ^ (side(triangles, corner as u32) == side(triangles, across));
+                turned[n] = turned[t] ^ (side(triangles, (3 * t + k) as u32) == side(triangles, across));
                 of[n] = count;
                 queue.push(n);
             }

@@ -7,6 +7,8 @@ use glam::DVec3;
 const PASSES: usize = 40;
 /// Shrinking of the length at which edges are split, when all edges are shorter and there are still too few vertices.
 const SHRINK: f64 = 0.9;
+/// Long needles of no area would be split for ever; this multiple of the wanted vertices ends it.
+const MOST: usize = 8;
 
 /// Splits edges at their midpoints until there are at least `target` vertices, about evenly spread.
 pub(super) fn refine(points: &mut Vec<DVec3>, triangles: &mut Vec<[u32; 3]>, target: usize) {
@@ -18,7 +20,7 @@ pub(super) fn refine(points: &mut Vec<DVec3>, triangles: &mut Vec<[u32; 3]>, tar
         let before = points.len();
         for ([a, b], corners) in Edges::of(triangles, points.len()).iter() {
             let (p, q) = (points[a as usize], points[b as usize]);
-            if p.distance(q) > longest {
+            if p.distance(q) > longest && points.len() < MOST * target {
                 for &corner in corners {
                     midpoint[corner as usize] = points.len() as u32;
                 }

@@ -19,7 +19,7 @@ fn run((points, triangles): &Mesh) -> Built {
 }
 
 /// What the deformer and the surface map rely on.
-fn assert_consistent(proxy: &Proxy) {
+pub(super) fn assert_consistent(proxy: &Proxy) {
     let mut used = vec![false; proxy.rest.len()];
     proxy.tets.iter().flatten().for_each(|&v| used[v as usize] = true);
     assert!(!used.contains(&false), "a vertex without a tetrahedron");
@@ -27,16 +27,18 @@ fn assert_consistent(proxy: &Proxy) {
     assert_eq!(proxy.boundary.len(), proxy.boundary_tets.len());
     assert_eq!(proxy.components.len(), proxy.tets.len());
     for (face, &tet) in proxy.boundary.iter().zip(&proxy.boundary_tets) {
-        assert!(face.iter().any(|v| proxy.tets[tet as usize].contains(v)), "a face without its tetrahedron");
+        let tet = proxy.tets[tet as usize];
+        let apex: Vec<u32> = tet.into_iter().filter(|v| !face.contains(v)).collect();
+        assert!(apex.len() < 4, "a face without its tetrahedron");
+        if let [apex] = apex[..] {
+            assert!(volume(&proxy.rest, [apex, face[0], face[1], face[2]]) > 0.0, "a face that looks inwards");
+        }
     }
     // The divergence theorem: outward faces enclose what the tetrahedra fill, up to the flat ones left out.
     let enclosed: f64 =
         proxy.boundary.iter().map(|f| f.map(|v| proxy.rest[v as usize])).map(|[a, b, c]| a.dot(b.cross(c)) / 6.0).sum();
     let filled: f64 = proxy.tets.iter().map(|t| volume(&proxy.rest, *t)).sum();
-    assert!((enclosed - filled).abs() < 1e-4 * filled, "{enclosed} {filled}");
-    for t in proxy.tets.iter().zip(&proxy.components).map(|(t, c)| (t, *c)) {
-        assert!(t.1 as usize <= proxy.tets.len());
-    }
+    assert!((enclosed - filled).abs() < 3e-3 * filled, "{enclosed} {filled}");
     let mut of = vec![None; proxy.rest.len()];
     for (t, &c) in proxy.tets.iter().zip(&proxy.components) {
         for &v in t {
@@ -141,6 +143,36 @@ fn debris_follows_but_is_not_part_of_the_body() {
 }
 
 #[test]
+fn a_floor_larger_than_the_body_is_no_part_of_it() {
+    let mut mesh = sphere(DVec3::ZERO, 0.1);
+    add(
+        &mut mesh,
+        (vec![DVec3::new(-0.35, -0.35, -0.11), DVec3::new(0.35, -0.35, -0.11), DVec3::new(0.0, 0.5, -0.11)], vec![[0, 1, 2]]),
+    );
+    let built = run(&mesh);
+    assert_eq!((built.summary.form, built.summary.body_pieces, built.summary.loose_pieces), (Form::Body, 1, 1));
+    assert!(built.proxy.rest.iter().all(|p| p.length() < 0.11));
+}
+
+#[test]
+fn what_cannot_be_simplified_becomes_cubes() {
+    // A checkerboard of cubes: every edge has four triangles, so none may collapse.
+    let mut mesh = Mesh::default();
+    for i in 0..512u32 {
+        let (x, y, z) = (i % 8, i / 8 % 8, i / 64);
+        if (x + y + z) % 2 == 0 {
+            let lo = DVec3::new(f64::from(x), f64::from(y), f64::from(z)) * 0.07 - DVec3::splat(0.28);
+            add(&mut mesh, cuboid(lo, lo + DVec3::splat(0.07), 1));
+        }
+    }
+    let built = build(&mesh.0, &mesh.1, &BuildOptions { surface_vertices: 200 }, &|| Ok(())).unwrap();
+    assert_consistent(&built.proxy);
+    assert_eq!(built.summary.form, Form::Cubes);
+    assert!(built.notes.iter().any(|n| n.contains("vertices are left where 200 were wanted")));
+    assert!((100..400).contains(&built.summary.vertices), "{}", built.summary.vertices);
+}
+
+#[test]
 fn a_box_with_a_hole_keeps_its_volume() {
     let mut mesh = cuboid(DVec3::new(-0.2, -0.15, -0.4), DVec3::new(0.2, 0.15, 0.4), 16);
     let cut = |t: &[u32; 3]| t.iter().map(|&v| mesh.0[v as usize]).all(|p| p.z > 0.39 && p.x.abs() < 0.12 && p.y.abs() < 0.1);
@@ -192,6 +224,21 @@ fn fingers_with_air_between_them_stay_apart() {
     };
     let joined = built.proxy.tets.iter().filter(|t| t.iter().any(|&v| finger(v) > 0) && t.iter().any(|&v| finger(v) < 0)).count();
     assert_eq!(joined, 0);
+}
+
+#[test]
+fn an_edge_through_air_is_cut_from_the_width_of_the_gap_on() {
+    let mut mesh = cuboid(DVec3::new(-0.3, -0.2, -0.2), DVec3::new(-0.02, 0.2, 0.2), 4);
+    add(&mut mesh, cuboid(DVec3::new(0.02, -0.2, -0.2), DVec3::new(0.3, 0.2, 0.2), 4));
+    let tree = TriangleTree::new(&mesh.0, &mesh.1);
+    let points = [(-0.2, 0.0, 0.0), (-0.1, 0.1, 0.0), (-0.1, 0.0, 0.1), (-0.1, 0.0, 0.0), (0.06, 0.05, 0.05)].map(DVec3::from);
+    let across = [[0, 1, 2, 3], [3, 1, 2, 4]];
+    // The samples nearest to the middle of the gap, 0.04 wide, are almost 0.02 away from its sides.
+    for (gap, cut) in [(0.01, 1), (0.03, 0)] {
+        let mut tets = across.to_vec();
+        assert_eq!(carve::cut_air_gaps(&points, &mut tets, &tree, gap), cut);
+        assert_eq!(tets[..], across[..2 - cut]);
+    }
 }
 
 #[test]

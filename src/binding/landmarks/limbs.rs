@@ -20,11 +20,12 @@ const HIP_UP: f64 = 0.045;
 const HIP_ASIDE: f64 = 0.055;
 /// Distance from foot to crotch: where it may be measured, and what it is otherwise (robes and long coats).
 const CROTCH_RANGE: [f64; 2] = [0.44, 0.60];
-/// Distance from the feet over which the middle of the pelvis is looked at.
-const PELVIS_RANGE: f64 = 0.60;
-const MEET: f64 = 0.62;
-const PART: f64 = 0.2;
 const CROTCH: f64 = 0.497;
+/// Up to this height above the toes, and this distance from the feet, the halves of the body are compared.
+const PELVIS_HEIGHT: f64 = 0.60;
+const PELVIS_LEVEL: f64 = 0.62;
+/// The halves meet at the crotch in this share of the most that they meet in.
+const CROTCH_DEPTH: f64 = 0.2;
 /// A limb bent by more degrees than this shows its joint.
 const CLEAR_BEND: f64 = 25.0;
 
@@ -45,27 +46,27 @@ pub(super) struct Crotch {
 }
 
 impl Crotch {
-    /// Where the boundary between what is nearer to one foot and what is nearer to the other opens to half the depth of the pelvis:
-    /// thighs that touch, or that the voxels join, meet in less.
+    /// Where the halves of the body, told apart by the nearer foot, meet in a good share of the depth of the pelvis: thighs that
+    /// touch, or that the voxels join, meet in less.
     pub(super) fn of(solid: &Solid, body: &Extremities, up: DVec3) -> Self {
         let [f, g] = &body.feet;
         let (h, length) = (solid.pitch, body.length);
         let floor = 0.5 * (solid.centres[f.voxel] + solid.centres[g.voxel]).dot(up);
-        let slabs = (PELVIS_RANGE * length / h) as usize;
+        let slabs = (PELVIS_HEIGHT * length / h) as usize;
         let mut meeting = vec![Vec::new(); slabs];
         for v in 0..solid.len() {
             let slab = ((solid.centres[v].dot(up) - floor) / h) as usize;
             let level = 0.5 * (f.distance[v] + g.distance[v]);
-            if slab < slabs && (f.distance[v] - g.distance[v]).abs() < h && level < MEET * length {
+            if slab < slabs && (f.distance[v] - g.distance[v]).abs() < h && level < PELVIS_LEVEL * length {
                 meeting[slab].push(v);
             }
         }
         let none = Self { level: CROTCH * length, place: None };
         let count: Vec<f64> = meeting.windows(3).map(|w| (w[0].len() + w[1].len() + w[2].len()) as f64).collect();
-        let half = PART * count.iter().copied().fold(0.0, f64::max);
-        let widest = count.iter().position(|n| PART * n >= half).unwrap_or(0);
-        let Some(i) = (0..widest).rev().find(|&i| count[i] < half) else { return none };
-        let part = (half - count[i]) / (count[i + 1] - count[i]);
+        let least = CROTCH_DEPTH * count.iter().copied().fold(0.0, f64::max);
+        let widest = count.iter().position(|n| CROTCH_DEPTH * n >= least).unwrap_or(0);
+        let Some(i) = (0..widest).rev().find(|&i| count[i] < least) else { return none };
+        let part = (least - count[i]) / (count[i + 1] - count[i]);
         let height = floor + (i as f64 + 1.5 + part) * h;
         let around: Vec<usize> = meeting[i..i + 3].iter().flatten().copied().collect();
         if around.is_empty() {

@@ -16,11 +16,13 @@ const SNAP_DEGREES: f64 = 10.0;
 const OFFSETS: [(Joint, Joint, [f64; 3]); 6] = [
     (Joint::LeftElbow, Joint::RightElbow, [0.3, -0.2, -0.8]),
     (Joint::LeftWrist, Joint::RightWrist, [0.5, -0.4, 0.5]),
-    (Joint::LeftHip, Joint::RightHip, [0.7, 0.5, -1.1]),
+    (Joint::LeftHip, Joint::RightHip, [0.7, 0.0, -1.1]),
     (Joint::LeftKnee, Joint::RightKnee, [-0.4, 1.3, 0.7]),
     (Joint::LeftAnkle, Joint::RightAnkle, [-1.3, 0.3, 2.3]),
     (Joint::LeftToe, Joint::RightToe, [-0.2, 0.4, -0.2]),
 ];
+/// Height of the hips above the ankles in shares of stature, towards which the measured height is drawn by a share.
+const HIP_HEIGHT: (f64, f64) = (0.503, 0.18);
 const NECK_OFFSET: [f64; 3] = [0.0, 0.0, -0.9];
 const HEAD_OFFSET: [f64; 3] = [0.0, 0.4, -0.5];
 /// The same for the shoulder: constant, linear and quadratic in the sine of the arm's elevation.
@@ -130,6 +132,10 @@ fn crown(solid: &Solid, ends: &Extremities, up: DVec3, top: f64) -> Option<DVec3
 /// Moves the joints by the constant offsets; gives the elevation of the arms in degrees.
 fn calibrate(joints: &mut [DVec3; Joint::COUNT], frame: &Frame, stature: f64) -> [f64; 2] {
     let percent = 0.01 * stature;
+    for (hip, ankle) in [(Joint::LeftHip, Joint::LeftAnkle), (Joint::RightHip, Joint::RightAnkle)] {
+        let height = (joints[hip as usize] - joints[ankle as usize]).dot(frame.up);
+        joints[hip as usize] += frame.up * (HIP_HEIGHT.1 * (HIP_HEIGHT.0 * stature - height));
+    }
     for (left, right, offset) in OFFSETS {
         joints[left as usize] += frame.vector(1.0, offset) * percent;
         joints[right as usize] += frame.vector(-1.0, offset) * percent;

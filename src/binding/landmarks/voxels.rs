@@ -7,8 +7,11 @@ use glam::{DMat3, DVec3};
 const RESOLUTION: f64 = 110.0;
 /// Empty cells around the shape.
 const PAD: i32 = 2;
-/// A cell that meets the shell in so many of 26 directions is inside even where the shell leaks.
-const ENCLOSED: u8 = 23;
+/// A shell whose filling adds less than this share of itself leaks.
+const LEAK: f64 = 0.35;
+/// A cell that meets the shell in so many of 26 directions is inside, where the shell leaks and where it does not: there only parts
+/// can be open.
+const ENCLOSED: [u8; 2] = [21, 24];
 /// More samples than this are no surface of a body but a cloud of crossing sheets.
 const MOST_SAMPLES: f64 = 2e8;
 /// Marks a missing neighbour.
@@ -202,7 +205,10 @@ impl Grid {
         for d in STEPS {
             self.look(shell, d, &mut met);
         }
-        (0..shell.len()).map(|cell| shell[cell] || !reached[cell] || met[cell] >= ENCLOSED).collect()
+        let walls = shell.iter().filter(|s| **s).count() as f64;
+        let added = reached.iter().filter(|r| !**r).count() as f64 - walls;
+        let enclosed = ENCLOSED[usize::from(added >= LEAK * walls)];
+        (0..shell.len()).map(|cell| !reached[cell] || met[cell] >= enclosed).collect()
     }
 
     /// Counts for every cell whether the shell lies somewhere in direction `d`.

@@ -13,6 +13,9 @@ const REBUILD: (u32, u32) = (8, 6);
 /// A step is taken back when the energy rises by more than this part of it.
 const RISE: f64 = 1e-13;
 
+/// The plain step is halved no further than to this part.
+const LEAST_STEP: f64 = 0.02;
+
 pub(super) struct Settings {
     pub(super) tolerance: f64,
     /// Diagonal of the rest box.
@@ -133,7 +136,7 @@ impl Volumetric {
                 accepted = next <= limit;
             }
             if !accepted {
-                // The plain step cannot raise the energy, except by rotations that one Newton step leaves inexact.
+                // Without bulk the plain step cannot raise the energy, except by rotations that one Newton step leaves inexact.
                 let m = &mut self.memory;
                 m.anderson.forget();
                 m.trial.copy_from_slice(&self.p);
@@ -142,6 +145,13 @@ impl Volumetric {
                 passes += 1;
                 if next.is_nan() || next > limit {
                     newton = 3;
+                }
+                let mut back = 0.5;
+                while next > limit && back > LEAST_STEP && self.blocks.bulk() > 0.0 {
+                    add_scaled(&mut self.memory.trial, back, &self.memory.plain);
+                    back *= 0.5;
+                    next = self.evaluate(Place::Trial, newton);
+                    passes += 1;
                 }
             }
             std::mem::swap(&mut self.p, &mut self.memory.trial);

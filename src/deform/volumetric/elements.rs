@@ -15,7 +15,8 @@ pub(super) struct Element {
     pub(super) volume: f64,
     /// Volume, less where the tetrahedron would be a sliver stiffer than the cap.
     pub(super) capped: f64,
-    /// `capped` times the stiffness: the weight in the energy.
+    /// `capped` times the stiffness times `1 + bulk`: the weight in the matrix. The energy has it over `1 + bulk`, so that the matrix bounds the
+    /// curvature of the change of volume too.
     pub(super) weight: f64,
 }
 
@@ -23,7 +24,7 @@ pub(super) struct Element {
 const FLAT: f64 = 1e-7;
 
 /// The tetrahedra of a proxy. `sliver_cap` limits `volume · |gradient|²`, in medians: a flat tetrahedron is a stiff one.
-pub(super) fn elements(proxy: &Proxy, stiffness: &[f64], sliver_cap: f64) -> Result<Vec<Element>> {
+pub(super) fn elements(proxy: &Proxy, stiffness: &[f64], sliver_cap: f64, bulk: f64) -> Result<Vec<Element>> {
     if !stiffness.is_empty() && stiffness.len() != proxy.tets.len() {
         return Err(Error::refused(format!("{} stiffness values for {} tetrahedra", stiffness.len(), proxy.tets.len())));
     }
@@ -49,7 +50,7 @@ pub(super) fn elements(proxy: &Proxy, stiffness: &[f64], sliver_cap: f64) -> Res
     }
     cap_slivers(&mut elements, sliver_cap);
     for element in &mut elements {
-        element.weight *= element.capped;
+        element.weight *= element.capped * (1.0 + bulk);
     }
     Ok(elements)
 }
@@ -97,10 +98,12 @@ pub(super) struct Blocks {
     pub(super) list: Vec<Block>,
     pub(super) total_weight: f64,
     total_volume: f64,
+    bulk: f64,
 }
 
 impl Blocks {
-    pub(super) fn new(elements: &[Element]) -> Self {
+    /// `bulk`: weight of the change of volume against that of the deformation, which the weights of the elements include (see [`elements`]).
+    pub(super) fn new(elements: &[Element], bulk: f64) -> Self {
         let list = elements
             .chunks(4)
             .map(|four| {
@@ -120,12 +123,18 @@ impl Blocks {
             list,
             total_weight: elements.iter().map(|e| e.weight).sum(),
             total_volume: elements.iter().map(|e| e.volume).sum(),
+            bulk,
         }
     }
 
     /// `newton` steps of every rotation towards the deformation gradients of `p`, then energy and half its gradient by `p`, which is written to `g`.
     pub(super) fn pass(&self, p: &[Lanes], rotations: &mut [Quaternions], newton: u32, g: &mut [Lanes]) -> f64 {
-        pass(&self.list, p, rotations, newton, g)
+        pass(&self.list, p, rotations, newton, self.bulk, g)
+    }
+
+    /// Weight of the change of volume.
+    pub(super) fn bulk(&self) -> f64 {
+        self.bulk
     }
 
     /// The rotations nearest to the deformation gradients of `p`, to rounding.
@@ -175,6 +184,15 @@ fn deformation(block: &Block, p: &[Lanes]) -> Matrices {
     f
 }
 
+/// Derivatives of the determinant by the entries.
+#[inline(always)]
+fn cofactors(&[a, b, c, d, e, f, g, h, i]: &Matrices) -> Matrices {
+    let first = [e * i - f * h, f * g - d * i, d * h - e * g];
+    let second = [c * h - b * i, a * i - c * g, b * g - a * h];
+    let third = [b * f - c * e, c * d - a * f, a * e - b * d];
+    [first[0], first[1], first[2], second[0], second[1], second[2], third[0], third[1], third[2]]
+}
+
 /// Matrix times hat gradient for the four corners; they sum to zero.
 #[inline(always)]
 fn hat_products(block: &Block, m: &Matrices) -> [[Lanes; 3]; 4] {
@@ -200,8 +218,9 @@ fn add_to_corners(places: &[[u32; 4]; 4], values: &[[Lanes; 3]; 4], sums: &mut [
 }
 
 for_each_instruction_set! {
-    fn pass(blocks: &[Block], p: &[Lanes], rotations: &mut [Quaternions], newton: u32, g: &mut [Lanes]) -> f64 {
+    fn pass(blocks: &[Block], p: &[Lanes], rotations: &mut [Quaternions], newton: u32, bulk: f64, g: &mut [Lanes]) -> f64 {
         g.fill(Lanes::ZERO);
+        let relief = 1.0 / (1.0 + bulk);
         let mut energy = Lanes::ZERO;
         for (block, rotation) in blocks.iter().zip(rotations) {
             let f = deformation(block, p);
@@ -211,14 +230,18 @@ for_each_instruction_set! {
             }
             *rotation = q;
             let r = rotation::matrices(&q);
+            let weight = block.weight * relief;
+            let cofactors = cofactors(&f);
+            let growth = f[0] * cofactors[0] + f[1] * cofactors[1] + f[2] * cofactors[2] - Lanes::splat(1.0);
+            let pressure = growth * bulk;
             let mut pull = [Lanes::ZERO; 9];
-            let mut square = Lanes::ZERO;
+            let mut square = growth * pressure;
             for k in 0..9 {
                 let d = f[k] - r[k];
                 square += d * d;
-                pull[k] = d * block.weight;
+                pull[k] = (d + cofactors[k] * pressure) * weight;
             }
-            energy += square * block.weight;
+            energy += square * weight;
             add_to_corners(&block.corners, &hat_products(block, &pull), g);
         }
         energy.sum()
@@ -230,8 +253,9 @@ for_each_instruction_set! {
         let mut inverted = 0;
         let mut volume = Lanes::ZERO;
         for block in blocks {
-            let [a, b, c, d, e, f, g, h, i] = deformation(block, p);
-            let determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g);
+            let f = deformation(block, p);
+            let cofactors = cofactors(&f);
+            let determinant = f[0] * cofactors[0] + f[1] * cofactors[1] + f[2] * cofactors[2];
             volume += determinant * block.volume;
             for lane in 0..4 {
                 inverted += u32::from((determinant.0[lane] < 0.0) & (block.volume.0[lane] > 0.0));

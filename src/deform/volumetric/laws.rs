@@ -234,11 +234,25 @@ fn the_energy_never_rises() {
 fn accelerated_and_plain_frames_have_the_same_minimum() {
     let proxy = block([5, 2, 2], 0.1);
     let handles = handles(&proxy, 1.0);
-    let fast = twist(&proxy, &handles, &to_the_end(), 3, |p| p);
+    let fast = twist(&proxy, &handles, &Options { bulk: 0.0, ..to_the_end() }, 3, |p| p);
     let slow = twist(&proxy, &handles, &plain(600), 3, |p| p);
     assert!(distance(fast.pose(), slow.pose()) < 1e-7);
     assert!((fast.last.energy / slow.last.energy - 1.0).abs() < 1e-9);
     assert!(fast.last.energy > 1e-6, "the twist costs energy");
+}
+
+#[test]
+fn bulk_keeps_the_volume_of_a_squeezed_body() {
+    for proxy in shapes() {
+        let handles = handles(&proxy, 1.0);
+        let squeezed = |bulk: f64| {
+            let mut deformer = Volumetric::new(&proxy, &handles, &Options { bulk, ..to_the_end() }).unwrap();
+            let targets = targets_of(&proxy, &handles, |p| p * DVec3::new(0.8, 1.0, 1.0));
+            deformer.start(&targets).unwrap().volume_ratio
+        };
+        let (free, kept, hard) = (squeezed(0.0), squeezed(0.8), squeezed(3.0));
+        assert!(free < kept && kept < hard && hard < 1.0, "{free} {kept} {hard}");
+    }
 }
 
 #[test]
@@ -523,9 +537,9 @@ fn flat_tetrahedra_are_left_out_and_slivers_are_capped() {
     let [p, q, r] = [a, b, c].map(|v| proxy.rest[v as usize]);
     proxy.rest.push((p + q + r) / 3.0 + (q - p).cross(r - p) * 1e-4);
     *proxy.tets.last_mut().unwrap() = [a, b, c, new];
-    let sliver = super::elements::elements(&proxy, &[], 30.0).unwrap().pop().unwrap();
+    let sliver = super::elements::elements(&proxy, &[], 30.0, 0.0).unwrap().pop().unwrap();
     assert!(sliver.capped < 1e-2 * sliver.volume);
-    let whole = super::elements::elements(&proxy, &[], f64::INFINITY).unwrap().pop().unwrap();
+    let whole = super::elements::elements(&proxy, &[], f64::INFINITY, 0.0).unwrap().pop().unwrap();
     assert_eq!(whole.capped, whole.volume);
     assert!(distance(twist(&proxy, &handles, &to_the_end(), 3, |p| p).pose(), &expected) < 0.02);
 }

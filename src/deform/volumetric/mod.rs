@@ -3,12 +3,14 @@
 //! It minimises, over positions p and one rotation per tetrahedron,
 //!
 //! ```text
-//! E(p, R) = Σ_j w_j |F_j(p) − R_j|²  +  Σ_h a_h |b_h p − c_h|²,     w_j = stiffness_j · volume_j
+//! E(p, R) = Σ_j w_j ( |F_j(p) − R_j|² + κ (det F_j(p) − 1)² )  +  Σ_h a_h |b_h p − c_h|²,     w_j = stiffness_j · volume_j
 //! ```
+//!
+//! The term with κ ([`Options::bulk`]) keeps the volume; the source has none, and with κ = 0 the energy is the source's.
 //!
 //! Source: Stoll, de Aguiar, Theobalt, Seidel: *A volumetric approach to interactive shape editing*, MPI-I-2007-4-004. Their alternation of a linear
 //! solve and a rotation update is [`Options::iterations`]; two or three of them lag visibly behind the handles, so the default runs to the minimum: it
-//! predicts linearly, completes the linear step by a coarse level ([`coarse`]), accelerates ([`anderson`]) and never lets the energy rise.
+//! predicts linearly, completes the linear step by a coarse level, accelerates and never lets the energy rise.
 
 mod anderson;
 mod coarse;
@@ -41,6 +43,9 @@ pub struct Options {
     pub iterations: Option<u32>,
     /// Stiffness of each tetrahedron of the proxy, relative to the body; empty: 1 everywhere.
     pub stiffness: Vec<f64>,
+    /// κ, the weight of the change of volume; 0 with a fixed count of iterations. Without it a body in a deep squat loses 8 % of its volume, with 0.8
+    /// less than 5 %, for about 1.4 times the passes.
+    pub bulk: f64,
     /// Slivers are as stiff as this many medians at most. `f64::INFINITY` leaves them as they are.
     pub sliver_cap: f64,
 }
@@ -52,11 +57,15 @@ impl Options {
     pub const NORMAL: f64 = 5e-6;
     /// Tolerance for poses that are compared with stored ones.
     pub const CONVERGED: f64 = 1e-6;
+
+    fn effective_bulk(&self) -> f64 {
+        if self.iterations.is_some() { 0.0 } else { self.bulk }
+    }
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { tolerance: Self::NORMAL, iterations: None, stiffness: Vec::new(), sliver_cap: 30.0 }
+        Self { tolerance: Self::NORMAL, iterations: None, stiffness: Vec::new(), bulk: 0.8, sliver_cap: 30.0 }
     }
 }
 
@@ -90,7 +99,10 @@ impl Volumetric {
     /// [`crate::error::Kind::Refused`] when a component of the proxy has no handle, when a handle or a stiffness is not usable, or when the proxy
     /// has vertices on flat tetrahedra only.
     pub fn new(proxy: &Proxy, handles: &[Handle], options: &Options) -> Result<Self> {
-        let elements = elements::elements(proxy, &options.stiffness, options.sliver_cap)?;
+        if !(options.bulk >= 0.0 && options.bulk.is_finite()) {
+            return Err(Error::refused(format!("bulk {}", options.bulk)).expected("a number that is not negative"));
+        }
+        let elements = elements::elements(proxy, &options.stiffness, options.sliver_cap, options.effective_bulk())?;
         check_handles(proxy, handles)?;
         // Hardness is relative to the body without its stiffer parts: a handle on a stiff part is not stiffer for it.
         let mut largest = vec![0.0; proxy.rest.len()];
@@ -141,7 +153,7 @@ impl Volumetric {
             Error::refused(format!("the handles do not hold the proxy: {reason}"))
                 .hint("handles of more moderate hardness, or a proxy without flat tetrahedra")
         })?;
-        let blocks = Blocks::new(&elements);
+        let blocks = Blocks::new(&elements, options.effective_bulk());
         let handles = SoftHandles::new(&handles, weights, &factor);
         let coarse = Coarse::new(&elements, &rest, &blocks, &handles, &factor);
         let (lo, hi) = rest.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(*p), hi.max(*p)));

@@ -100,7 +100,7 @@ fn human_walk(options: &Options) -> Option<Case> {
         .zip(&arrays["pose_energy"])
         .map(|((frame, pose), energy)| (*frame as usize, pose.to_vec(), *energy))
         .collect();
-    let elements = elements::elements(&proxy, &[], options.sliver_cap).unwrap();
+    let elements = elements::elements(&proxy, &[], options.sliver_cap, 0.0).unwrap();
     let (lo, hi) = proxy.rest.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
     let begin = Instant::now();
     let deformer = Volumetric::with_weights(&proxy, elements, &handles, arrays["weights"].clone(), options).unwrap();
@@ -143,7 +143,7 @@ fn largest(values: &[f64]) -> f64 {
 
 #[test]
 fn the_stored_walk_is_reached_when_converged() {
-    let options = Options { tolerance: 1e-8, sliver_cap: f64::INFINITY, ..Default::default() };
+    let options = Options { tolerance: 1e-8, sliver_cap: f64::INFINITY, bulk: 0.0, ..Default::default() };
     let Some(mut case) = human_walk(&options) else { return };
     let (stats, distances, excess) = run(&mut case);
     let worst = largest(&distances.iter().map(|d| largest(d)).collect::<Vec<_>>());
@@ -156,7 +156,7 @@ fn the_stored_walk_is_reached_when_converged() {
 
 #[test]
 fn the_default_tolerance_is_a_fifth_of_a_millimetre_of_the_stored_walk() {
-    let options = Options { sliver_cap: f64::INFINITY, ..Default::default() };
+    let options = Options { sliver_cap: f64::INFINITY, bulk: 0.0, ..Default::default() };
     let Some(mut case) = human_walk(&options) else { return };
     let (stats, distances, _) = run(&mut case);
     let mut all: Vec<f64> = distances[1..].concat();

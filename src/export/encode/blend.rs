@@ -28,14 +28,13 @@ struct Hook {
 
 /// Points at rest with weights, joint by joint.
 #[derive(Clone, Debug)]
-pub struct Blend<'a> {
-    points: &'a [DVec3],
+pub struct Blend {
     supports: Vec<Support>,
 }
 
-impl<'a> Blend<'a> {
+impl Blend {
     /// Sorts the weights by joint.
-    pub fn new(points: &'a [DVec3], influences: &[Influences], joints: usize) -> Self {
+    pub fn new(points: &[DVec3], influences: &[Influences], joints: usize) -> Self {
         let mut supports = vec![Support::default(); joints];
         for (i, influence) in influences.iter().enumerate() {
             for (k, weight) in influence.iter().filter(|(_, w)| *w > 1e-6) {
@@ -54,7 +53,7 @@ impl<'a> Blend<'a> {
                 hook.arm -= support.middle;
             }
         }
-        Self { points, supports }
+        Self { supports }
     }
 
     /// What the joints leave over: target less skinned point.
@@ -106,11 +105,6 @@ impl<'a> Blend<'a> {
                 left[hook.point as usize] -= (turn * hook.arm + shift) * hook.weight;
             }
         }
-    }
-
-    /// The points at rest.
-    pub fn points(&self) -> &[DVec3] {
-        self.points
     }
 }
 

@@ -140,26 +140,27 @@ impl State {
             let (influences, on_sample) = self.alternate(motion, rounds, goal)?;
             let now = self.settle_all(motion, influences, goal)?;
             let used = now.error.used(goal);
-            let (tracks, error) = (now.tracks.clone(), now.error.clone());
-            let sample = self.sample.clone();
-            let blend_points = self.points.rest.clone();
-            let blend = Blend::new(&blend_points, &now.influences, tracks.joints());
-            if best.as_ref().is_none_or(|b| used < b.error.used(goal)) {
-                best = Some(now.clone());
-            }
+            let worse;
+            let now = if best.as_ref().is_none_or(|b| used < b.error.used(goal)) {
+                best.insert(now)
+            } else {
+                worse = now;
+                &worse
+            };
             if used <= 1.0 || left == 0 {
                 break;
             }
-            let more_frames = worst_frames(&error, &sample, goal);
+            let more_frames = worst_frames(&now.error, &self.sample, goal);
             let fits_sample = goal.used(on_sample.worst() / 0.9, on_sample.rms() / 0.95) <= 1.0;
-            let grown = if fits_sample { None } else { grow(motion, &self.points, &tracks, &error, goal)? };
+            let grown = if fits_sample { None } else { grow(motion, &self.points, &now.tracks, &now.error, goal)? };
             if more_frames.is_empty() && grown.is_none() && fits_sample {
                 break;
             }
-            let mut frames = sample.frames;
+            let mut frames = self.sample.frames.clone();
             frames.extend(more_frames);
             frames.sort_unstable();
-            let next = grown.unwrap_or(tracks);
+            let next = grown.unwrap_or_else(|| now.tracks.clone());
+            let blend = Blend::new(&self.points.rest, &now.influences, now.tracks.joints());
             (self.sample, self.joints, self.emphasis) = begin(motion, &self.points, &next, frames, &blend, goal)?;
             self.tracks = Some(next);
         }
@@ -193,7 +194,7 @@ fn begin(
     points: &FitPoints,
     tracks: &Tracks,
     frames: Vec<usize>,
-    blend: &Blend<'_>,
+    blend: &Blend,
     goal: Tolerance,
 ) -> Result<(Sample, JointPlanes, Vec<Emphasis>)> {
     let sample = Sample::read(motion, points, frames)?;
@@ -318,7 +319,7 @@ impl Settled {
 }
 
 /// Fits the joints of one frame with fixed weights, the badly carried points gaining weight from round to round; the best round counts.
-fn settle(blend: &Blend<'_>, pose: &[DVec3], mut joints: Vec<Rigid>, goal: Tolerance) -> Settled {
+fn settle(blend: &Blend, pose: &[DVec3], mut joints: Vec<Rigid>, goal: Tolerance) -> Settled {
     let mut left = blend.residuals(&joints, pose);
     let mut emphasis = Emphasis::new(pose.len());
     let mut best: Option<(f64, Settled)> = None;
@@ -381,7 +382,7 @@ fn grow(motion: &Motion<'_>, points: &FitPoints, tracks: &Tracks, error: &FitErr
 }
 
 /// Emphasis on the sample from the errors of the transforms that the next cycle starts with.
-fn emphasis_of(sample: &Sample, joints: &JointPlanes, blend: &Blend<'_>, goal: Tolerance) -> Vec<Emphasis> {
+fn emphasis_of(sample: &Sample, joints: &JointPlanes, blend: &Blend, goal: Tolerance) -> Vec<Emphasis> {
     (0..sample.len())
         .into_par_iter()
         .map(|f| {

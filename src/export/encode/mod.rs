@@ -217,8 +217,7 @@ impl<M: PointMap> Job<'_, M> {
         let doubtful = surface::worst_vertices(&trial.errors, bound, REFINED);
         let rows: Vec<(usize, SparseRow)> = doubtful.iter().map(|&i| (i, self.map.row(self.vertices[i] as usize))).collect();
         let before = written.measure_rows(&rows, self.spool, self.cancel)?;
-        let paths: Vec<(DVec3, &SparseRow)> =
-            rows.iter().map(|(i, row)| (self.rest[self.vertices[*i] as usize], row)).collect();
+        let paths: Vec<(DVec3, &SparseRow)> = rows.iter().map(|(i, row)| (self.rest[self.vertices[*i] as usize], row)).collect();
         let weights = SurfaceWeights::new(self.map, &trial.fit, self.proxy_rest.len());
         let refined = weights.refine(motion, &paths, self.goal())?;
         let old: Vec<Influences> = doubtful.iter().map(|&i| skin.influences(i)).collect();

@@ -164,3 +164,49 @@ pub fn in_batches(spool: &Spool, cancel: &Cancel, mut work: impl FnMut(usize, &[
 fn farthest(values: impl Iterator<Item = f64>) -> usize {
     values.enumerate().fold((0, f64::NEG_INFINITY), |best, (i, v)| if v > best.1 { (i, v) } else { best }).0
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use glam::DMat3;
+
+    #[test]
+    fn frames_are_chosen_by_shape_once_the_root_s_motion_is_out() {
+        let rest: Vec<DVec3> =
+            (0..150).map(|i| DVec3::new(i as f64 / 150.0, (i as f64).sin() * 0.2, (i as f64 * 1.9).cos() * 0.2)).collect();
+        let root =
+            |f: usize| Rigid { rotation: DMat3::from_rotation_z(f as f64 * 0.3), translation: DVec3::new(f as f64, 0.0, -1.0) };
+        let folder = tempfile::tempdir().unwrap();
+        let mut spool = Spool::new(folder.path(), rest.len()).unwrap();
+        for f in 0..70 {
+            // The end of the cloud lifts in two frames, by different amounts.
+            let lift = if f == 13 { 0.3 } else { f64::from(u8::from(f == 54)) * 0.2 };
+            let bent = |p: &DVec3| if p.x > 0.9 { *p + DVec3::Y * lift } else { *p };
+            spool.push(&rest.iter().map(|p| root(f).apply(bent(p))).collect::<Vec<_>>()).unwrap();
+        }
+        let cancel = Cancel::default();
+        let motion = Motion::new(&spool, &rest, &cancel).unwrap();
+        let points = FitPoints::new(&rest, (0..150).collect());
+        for (found, truth) in motion.frame(&points, 40).unwrap().iter().zip(&rest) {
+            assert!((*found - *truth).length() < 1e-4);
+        }
+        let chosen = motion.farthest_frames(&points, 3).unwrap();
+        assert!(chosen.len() == 3 && chosen.contains(&13) && chosen.contains(&54), "{chosen:?}");
+        let row = SparseRow { indices: vec![3, 9], values: vec![0.25, 0.75] };
+        let more = points.with_rows(vec![row.clone()], [row.apply(&rest)]);
+        let mut seen = 0;
+        motion
+            .each_frame(
+                &more,
+                |_, pose| pose,
+                |f, pose| {
+                    assert_eq!(f, seen);
+                    assert!((pose[150] - row.apply(&pose[..150])).length() < 1e-12);
+                    seen += 1;
+                },
+            )
+            .unwrap();
+        assert_eq!(seen, 70);
+    }
+}

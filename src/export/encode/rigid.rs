@@ -172,6 +172,7 @@ fn rotate_plane(a: &mut [[f64; 4]; 4], v: &mut [[f64; 4]; 4], p: usize, q: usize
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -174,6 +174,7 @@ fn round(influences: &Influences) -> ([u16; 4], [u16; 4]) {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -4,22 +4,22 @@ use serde_json::{Value, json};
 use std::io::{self, Write};
 
 /// Component types of glTF.
-pub mod component {
+pub(crate) mod component {
     /// `UNSIGNED_BYTE`
-    pub const U8: u32 = 5121;
+    pub(crate) const U8: u32 = 5121;
     /// `SHORT`
-    pub const I16: u32 = 5122;
+    pub(crate) const I16: u32 = 5122;
     /// `UNSIGNED_SHORT`
-    pub const U16: u32 = 5123;
+    pub(crate) const U16: u32 = 5123;
     /// `UNSIGNED_INT`
-    pub const U32: u32 = 5125;
+    pub(crate) const U32: u32 = 5125;
     /// `FLOAT`
-    pub const F32: u32 = 5126;
+    pub(crate) const F32: u32 = 5126;
 }
 
 /// What a view is used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Target {
+pub(crate) enum Target {
     /// Vertex attributes, with the distance from one to the next.
     Attributes(usize),
     /// Triangle indices.
@@ -30,7 +30,7 @@ pub enum Target {
 
 /// Views and accessors in the order in which they are added.
 #[derive(Debug, Default)]
-pub struct Buffer {
+pub(crate) struct Buffer {
     views: Vec<Value>,
     accessors: Vec<Value>,
     bytes: Vec<Vec<u8>>,
@@ -39,7 +39,7 @@ pub struct Buffer {
 
 impl Buffer {
     /// Adds a view; returns its index.
-    pub fn view(&mut self, bytes: Vec<u8>, target: Target) -> usize {
+    pub(crate) fn view(&mut self, bytes: Vec<u8>, target: Target) -> usize {
         let mut view = json!({ "buffer": 0, "byteOffset": self.length, "byteLength": bytes.len() });
         match target {
             Target::Attributes(stride) => {
@@ -56,7 +56,15 @@ impl Buffer {
     }
 
     /// Adds an accessor; returns its index. `more` holds `normalized`, `min`, `max`.
-    pub fn accessor(&mut self, view: usize, offset: usize, component: u32, count: usize, kind: &str, more: Value) -> usize {
+    pub(crate) fn accessor(
+        &mut self,
+        view: usize,
+        offset: usize,
+        component: u32,
+        count: usize,
+        kind: &str,
+        more: Value,
+    ) -> usize {
         let mut accessor =
             json!({ "bufferView": view, "byteOffset": offset, "componentType": component, "count": count, "type": kind });
         if let (Some(accessor), Value::Object(more)) = (accessor.as_object_mut(), more) {
@@ -66,9 +74,9 @@ impl Buffer {
         self.accessors.len() - 1
     }
 
-    /// Writes the file: `document` with buffers, views and accessors added. Returns the number of bytes; an error of kind `InvalidData` if the
+    /// Writes the file: `document` with buffers, views and accessors added. An error of kind `InvalidData` if the
     /// file would not fit the format's 4 GiB.
-    pub fn write(self, mut document: Value, out: &mut impl Write) -> io::Result<u64> {
+    pub(crate) fn write(self, mut document: Value, out: &mut impl Write) -> io::Result<()> {
         document["buffers"] = json!([{ "byteLength": self.length }]);
         document["bufferViews"] = Value::Array(self.views);
         document["accessors"] = Value::Array(self.accessors);
@@ -88,12 +96,12 @@ impl Buffer {
             out.write_all(&bytes)?;
             out.write_all(&[0; 3][..bytes.len().next_multiple_of(4) - bytes.len()])?;
         }
-        Ok(total)
+        Ok(())
     }
 }
 
 /// Bytes of rows of `f32`.
-pub fn float_rows<const N: usize>(rows: impl Iterator<Item = [f32; N]>) -> Vec<u8> {
+pub(crate) fn float_rows<const N: usize>(rows: impl Iterator<Item = [f32; N]>) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(rows.size_hint().0 * N * 4);
     for row in rows {
         for x in row {
@@ -104,7 +112,7 @@ pub fn float_rows<const N: usize>(rows: impl Iterator<Item = [f32; N]>) -> Vec<u
 }
 
 /// `min` and `max` of an accessor, component by component.
-pub fn bounds<const N: usize>(rows: impl Iterator<Item = [f32; N]>) -> Value {
+pub(crate) fn bounds<const N: usize>(rows: impl Iterator<Item = [f32; N]>) -> Value {
     let mut min = [f32::INFINITY; N];
     let mut max = [f32::NEG_INFINITY; N];
     for row in rows {
@@ -117,6 +125,6 @@ pub fn bounds<const N: usize>(rows: impl Iterator<Item = [f32; N]>) -> Value {
 }
 
 /// Numbers that read back to the same `f32`.
-pub fn numbers(values: &[f32]) -> Value {
+pub(crate) fn numbers(values: &[f32]) -> Value {
     Value::Array(values.iter().map(|&x| json!(f64::from(x))).collect())
 }

@@ -16,34 +16,34 @@ const ROOT: usize = 1;
 
 /// What a file is made of.
 #[derive(Clone, Copy, Debug)]
-pub struct Content<'a> {
+pub(crate) struct Content<'a> {
     /// Looks of the scan.
-    pub scan: &'a Scan,
+    pub(crate) scan: &'a Scan,
     /// Its triangles.
-    pub geometry: &'a Geometry,
+    pub(crate) geometry: &'a Geometry,
     /// Unit normals at rest, per normal vertex.
-    pub normals: &'a [[f32; 3]],
+    pub(crate) normals: &'a [[f32; 3]],
     /// The motion.
-    pub skin: &'a Skin,
+    pub(crate) skin: &'a Skin,
     /// Positions of the skin's vertices at rest.
-    pub rest: &'a [[f32; 3]],
+    pub(crate) rest: &'a [[f32; 3]],
     /// Place in the skin of each scan vertex.
-    pub places: &'a [u32],
+    pub(crate) places: &'a [u32],
     /// Names of the skin's nodes.
-    pub joint_names: &'a [String],
+    pub(crate) joint_names: &'a [String],
     /// Where the file's coordinates begin in the scan's.
-    pub offset: DVec3,
+    pub(crate) offset: DVec3,
     /// Keys per second.
-    pub rate: f64,
+    pub(crate) rate: f64,
     /// Name of the mesh.
-    pub name: &'a str,
+    pub(crate) name: &'a str,
     /// Name of the animation.
-    pub animation: &'a str,
+    pub(crate) animation: &'a str,
 }
 
 impl Content<'_> {
     /// The document and its buffer.
-    pub fn build(&self, notes: &mut Notes) -> (Value, Buffer) {
+    pub(crate) fn build(&self, notes: &mut Notes) -> (Value, Buffer) {
         let mut buffer = Buffer::default();
         let looks = Looks::of(self.scan, self.geometry, &mut buffer, notes);
         let primitives = self.primitives(&mut buffer);

@@ -6,15 +6,15 @@ use std::ops::Range;
 
 /// Triangles of one material.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Primitive {
+pub(crate) struct Primitive {
     /// Index of the scan's material, or [`NONE`].
-    pub material: u32,
+    pub(crate) material: u32,
     /// Its glTF vertices.
-    pub vertices: Range<usize>,
+    pub(crate) vertices: Range<usize>,
     /// Its indices, which count from the first of its vertices.
-    pub indices: Range<usize>,
+    pub(crate) indices: Range<usize>,
     /// Whether some corner has a texture coordinate.
-    pub textured: bool,
+    pub(crate) textured: bool,
 }
 
 /// One vertex per distinct scan vertex, texture coordinate and normal in each primitive.
@@ -22,17 +22,17 @@ pub struct Primitive {
 /// The order is stable: first each scan vertex once, in the scan's order, then the further copies in the scan's order. So the vertices of a scan
 /// with one material are the scan's own, with the copies of seams after them.
 #[derive(Clone, Debug, Default)]
-pub struct Geometry {
+pub(crate) struct Geometry {
     /// Primitives in the order of their materials; faces without one come last.
-    pub primitives: Vec<Primitive>,
+    pub(crate) primitives: Vec<Primitive>,
     /// Scan vertex of each glTF vertex.
-    pub vertices: Vec<u32>,
+    pub(crate) vertices: Vec<u32>,
     /// Normal vertex of each glTF vertex.
-    pub normals: Vec<u32>,
+    pub(crate) normals: Vec<u32>,
     /// Texture coordinate of each glTF vertex, origin at the top left; (0, 0) where the file has none.
-    pub uvs: Vec<[f32; 2]>,
+    pub(crate) uvs: Vec<[f32; 2]>,
     /// Three per triangle.
-    pub indices: Vec<u32>,
+    pub(crate) indices: Vec<u32>,
 }
 
 /// What tells glTF vertices of one scan vertex apart.
@@ -52,7 +52,7 @@ struct Copy {
 
 impl Geometry {
     /// Splits the scan's vertices.
-    pub fn of(scan: &Scan, normals: &NormalVertices) -> Self {
+    pub(crate) fn of(scan: &Scan, normals: &NormalVertices) -> Self {
         let Triangles { corners: triangles, faces } = scan.mesh.triangulate();
         let look = &scan.look;
         let material = |face: u32| look.face_materials.get(face as usize).copied().unwrap_or(NONE);
@@ -98,7 +98,7 @@ impl Geometry {
     }
 
     /// Scan vertices that are in the file, ascending.
-    pub fn scan_vertices(&self) -> Vec<u32> {
+    pub(crate) fn scan_vertices(&self) -> Vec<u32> {
         let mut used = self.vertices.clone();
         used.sort_unstable();
         used.dedup();
@@ -130,7 +130,7 @@ fn uv_bits(scan: &Scan, corner: usize) -> Option<[u32; 2]> {
 }
 
 /// Whether the surface is closed and its faces turn outwards, so that nobody ever sees their backs.
-pub fn is_solid(scan: &Scan) -> bool {
+pub(crate) fn is_solid(scan: &Scan) -> bool {
     let faces = &scan.mesh.faces;
     let mut edges: Vec<(u32, u32, bool)> = Vec::with_capacity(faces.corners.len());
     let mut volume = 0.0;

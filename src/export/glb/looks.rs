@@ -9,19 +9,19 @@ use std::path::{Path, PathBuf};
 
 /// Materials, textures and images of a document.
 #[derive(Debug, Default)]
-pub struct Looks {
+pub(crate) struct Looks {
     /// One per primitive, in the primitives' order.
-    pub materials: Vec<Value>,
+    pub(crate) materials: Vec<Value>,
     /// Textures, one per image.
-    pub textures: Vec<Value>,
+    pub(crate) textures: Vec<Value>,
     /// Images.
-    pub images: Vec<Value>,
+    pub(crate) images: Vec<Value>,
     files: Vec<(PathBuf, Option<usize>)>,
 }
 
 impl Looks {
     /// Materials of the primitives; images are copied into `buffer` as they are.
-    pub fn of(scan: &Scan, geometry: &Geometry, buffer: &mut Buffer, notes: &mut Notes) -> Self {
+    pub(crate) fn of(scan: &Scan, geometry: &Geometry, buffer: &mut Buffer, notes: &mut Notes) -> Self {
         let mut looks = Self::default();
         let double_sided = !is_solid(scan);
         let plain = Material { name: "default".to_owned(), ..Material::default() };
@@ -104,13 +104,14 @@ fn describe(material: &Material, double_sided: bool, clear: bool, base: Option<u
 }
 
 /// A stored colour as glTF wants it: linear light in 16 bits. What the file stores is sRGB; alpha is linear already.
-pub fn linear_color(color: [f32; 4]) -> [u16; 4] {
+pub(crate) fn linear_color(color: [f32; 4]) -> [u16; 4] {
     let step = |x: f32| (x.clamp(0.0, 1.0) * 65535.0).round() as u16;
     let linear = |c: f32| if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) };
     [step(linear(color[0])), step(linear(color[1])), step(linear(color[2])), step(color[3])]
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -5,7 +5,7 @@ use glam::DVec3;
 use std::collections::BTreeSet;
 
 /// `root`, then `<place>_<nn>` after the place that most of a joint's weight is nearest to, numbered along each place; all different.
-pub fn joint_names(encoded: &Encoded, proxy_rest: &[DVec3], places: &[(String, DVec3)]) -> Vec<String> {
+pub(crate) fn joint_names(encoded: &Encoded, proxy_rest: &[DVec3], places: &[(String, DVec3)]) -> Vec<String> {
     let joints = encoded.skin.nodes() - 1;
     let mut shares = vec![vec![0.0; places.len()]; joints];
     for (vertex, influences) in &encoded.proxy_influences {

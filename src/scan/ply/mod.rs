@@ -410,6 +410,15 @@ mod tests {
     }
 
     #[test]
+    fn a_file_one_byte_short_ends_early() {
+        let head = "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty uchar x\nproperty uchar y\nproperty uchar z\n\
+                    element other 2\nproperty int a\nend_header\n";
+        let bytes = [head.as_bytes(), &[0; 10]].concat();
+        let error = read(&bytes, Path::new("a.ply")).unwrap_err();
+        assert!(error.found.contains("2 rows of element 'other'"), "{error}");
+    }
+
+    #[test]
     fn every_line_end_before_binary_data() {
         for end in ["\n", "\r\n", "\r"] {
             let head = "ply|format binary_little_endian 1.0|element vertex 3|property uchar x|property uchar y|property uchar z|\

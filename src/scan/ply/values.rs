@@ -42,13 +42,14 @@ impl<'a> Values<'a> {
     /// Begins the rows of `element`; its count is checked against the bytes that are there.
     pub(super) fn begin(&mut self, element: &Element) -> Result<()> {
         (self.element, self.count, self.row) = (element.name.clone(), element.count, 0);
-        let least: usize = match self.source {
+        let (least, spare): (usize, usize) = match self.source {
             // A digit and a blank for each value; the last one may lack the blank.
-            Source::Ascii { .. } => 2 * element.properties.len(),
-            Source::Binary { .. } => element.properties.iter().map(|p| p.list.unwrap_or(p.kind).size()).sum(),
+            Source::Ascii { .. } => (2 * element.properties.len(), 1),
+            Source::Binary { .. } => (element.properties.iter().map(|p| p.list.unwrap_or(p.kind).size()).sum(), 0),
         };
-        if u128::from(element.count) * least as u128 > self.left() as u128 + 1 {
-            let most = (self.left() + 1) / least.max(1);
+        let room = self.left() + spare;
+        if u128::from(element.count) * least as u128 > room as u128 {
+            let most = room / least.max(1);
             let found = format!(
                 "the header announces {} rows of element '{}', and the file has room for {most} at most",
                 element.count, element.name

@@ -1,0 +1,103 @@
+//! What must hold before and after a capture is bound: enough labels, the same actor, distances along bones.
+
+use super::BoundMarker;
+use super::actor::quantile;
+use super::bind::Take;
+use super::landmarks::NotHuman;
+use super::segments::Segment;
+use super::similarity::Similarity;
+use crate::error::{Error, Result};
+
+/// Named markers below which no body can be recognised.
+const FEWEST_NAMED: usize = 10;
+
+/// The refusal of a scan that is no person.
+pub(super) fn no_body(reason: &NotHuman) -> Error {
+    let numbers = reason.margin_and_cost.map_or(String::new(), |(margin, cost)| format!(" (margin {margin:.2}, cost {cost:.2})"));
+    Error::refused(format!("no human body is recognised in the scan: {}{numbers}", reason.reason))
+        .expected("an upright person with arms and legs apart (margin 0.15 or more, cost up to 0.45)")
+        .hint("--align none when the scan is where the capture's markers are")
+}
+
+/// Enough known labels, and enough of them on the trunk.
+pub(super) fn labels(take: &Take<'_>) -> Result<()> {
+    let named = take.names.count();
+    let core = take.names.iter().filter(|(_, p)| matches!(p.segment(), Segment::Pelvis | Segment::Trunk)).count();
+    if named >= FEWEST_NAMED && core >= 4 {
+        return Ok(());
+    }
+    let unknown: Vec<&str> =
+        (0..take.track.take.markers()).filter(|&i| take.names.places[i].is_none()).take(6).map(|i| take.label(i)).collect();
+    Err(Error::refused(format!(
+        "{named} of {} labels name a place on the body, {core} of them on trunk and pelvis (unknown: {})",
+        take.track.take.markers(),
+        unknown.join(", ")
+    ))
+    .file(&take.capture.source)
+    .expected(format!("{FEWEST_NAMED} known labels, 4 of them on trunk and pelvis"))
+    .hint("--align none when the scan is where the capture's markers are"))
+}
+
+/// Distances inside segments must agree between take and reference capture.
+pub(super) fn same_actor(take: &Take<'_>, still: &Take<'_>) -> Result<()> {
+    let typical = |t: &Take<'_>, i: usize, j: usize| {
+        let mut lengths: Vec<f64> =
+            t.track.sample(30).into_iter().filter_map(|f| Some((t.track.point(f, i)? - t.track.point(f, j)?).length())).collect();
+        quantile(&mut lengths, 0.5)
+    };
+    let mut ratios = Vec::new();
+    for (i, a) in take.names.iter() {
+        for (j, b) in take.names.iter().filter(|&(j, b)| j > i && b.segment() == a.segment()) {
+            if let (Some(k), Some(l)) = (take.twin(i, still), take.twin(j, still))
+                && let (Some(here), Some(there)) = (typical(take, i, j), typical(still, k, l))
+                && here > 0.0
+            {
+                ratios.push(there / here);
+            }
+            let _ = b;
+        }
+    }
+    match quantile(&mut ratios, 0.5) {
+        Some(ratio) if (0.93..=1.07).contains(&ratio) => Ok(()),
+        Some(ratio) => Err(Error::refused(format!("the reference capture is {ratio:.3} times the size of the take"))
+            .file(&still.capture.source)
+            .expected("the same actor in the same unit (0.93 to 1.07)")
+            .hint("another --ref-file, or none")),
+        None => Err(Error::refused("the reference capture shares no two labels of one segment with the take")
+            .file(&still.capture.source)
+            .hint("a --ref-file of the same marker set")),
+    }
+}
+
+/// Median and 95th percentile of the relative difference between distances of targets and of attachments, over pairs that a body keeps
+/// apart by a bone: on one segment, or at the two ends of a limb's segment.
+pub(super) fn strain(
+    take: &Take<'_>,
+    handles: &[BoundMarker],
+    placement: &Similarity,
+    frames: &[usize],
+    stature: f64,
+) -> Option<(f64, f64)> {
+    let mut values = Vec::new();
+    for (i, a) in handles.iter().enumerate() {
+        for b in &handles[i + 1..] {
+            let (Some(s), Some(t)) = (a.segment, b.segment) else { continue };
+            let rest = (a.attachment - b.attachment).length();
+            let (p, q) = (&take.names.places[a.marker], &take.names.places[b.marker]);
+            let ends = match (p, q) {
+                (Some(p), Some(q)) => p.is_bone_with(q) || q.is_bone_with(p),
+                _ => false,
+            };
+            if s != t && !ends || rest < 0.05 * stature {
+                continue;
+            }
+            for &f in frames {
+                if let (Some(p), Some(q)) = (take.track.point(f, a.marker), take.track.point(f, b.marker)) {
+                    values.push(((p - q).length() * placement.scale / rest - 1.0).abs());
+                }
+            }
+        }
+    }
+    let p95 = quantile(&mut values, 0.95)?;
+    Some((quantile(&mut values, 0.5)?, p95))
+}
