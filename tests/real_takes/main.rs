@@ -13,6 +13,7 @@ mod repeat;
 use anatomy::{Anatomy, segment_of};
 use glam::DVec3;
 use measure::Figures;
+use repeat::{Again, repeated};
 use retarget::scan::{Scan, UnitBox};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -210,31 +211,58 @@ fn a_take_that_never_stands_is_refused_or_warned_about() {
     }
 }
 
+/// A run over the dense scan that writes a GLB alone: the report, and what the program said.
+fn dense(folder: &Path, capture: &Path) -> Value {
+    let data = common::shared().unwrap();
+    let arguments = [
+        data.join(DENSE),
+        capture.to_owned(),
+        "--ref-file".into(),
+        data.join(STATIC),
+        "--force".into(),
+        "-o".into(),
+        "m.glb".into(),
+        "--report".into(),
+        "m.json".into(),
+    ];
+    eprintln!("{}", common::retarget_ok(folder, arguments));
+    serde_json::from_slice(&std::fs::read(folder.join("m.json")).unwrap()).unwrap()
+}
+
 #[test]
 #[ignore = "minutes; run by scripts/measure.sh"]
 fn memory_is_the_same_for_a_take_ten_times_as_long() {
     let Some(data) = common::shared() else { return };
     let work = tempfile::tempdir().unwrap();
-    std::fs::write(work.path().join("long.c3d"), repeat::repeated(&std::fs::read(data.join(WALK)).unwrap(), 10)).unwrap();
+    let once = std::fs::read(data.join(WALK)).unwrap();
+    let long = work.path().join("long.c3d");
     let peak = |capture: &Path, frames: usize| {
-        let arguments = [
-            data.join(DENSE),
-            capture.to_owned(),
-            "--ref-file".into(),
-            data.join(STATIC),
-            "--force".into(),
-            "-o".into(),
-            "m.glb".into(),
-            "--report".into(),
-            "m.json".into(),
-        ];
-        eprintln!("{}", common::retarget_ok(work.path(), arguments));
-        let report: Value = serde_json::from_slice(&std::fs::read(work.path().join("m.json")).unwrap()).unwrap();
+        let report = dense(work.path(), capture);
         assert_eq!(report["frames"].as_array().unwrap().len(), frames);
         report["peak_mb"].as_f64().unwrap()
     };
-    let once = peak(&data.join(WALK), 320);
-    let ten = peak(Path::new("long.c3d"), 3200);
-    eprintln!("table peak memory: {once:.0} MB for 320 frames, {ten:.0} MB for 3,200");
-    assert!(once <= 800.0 && (ten / once - 1.0).abs() <= 0.05, "{once} MB, then {ten} MB");
+    let short = peak(&data.join(WALK), 320);
+    std::fs::write(&long, repeated(&once, 10, Again::ThereAndBack)).unwrap();
+    let continuous = peak(&long, 3200);
+    std::fs::write(&long, repeated(&once, 10, Again::FromTheStart)).unwrap();
+    let jumping = peak(&long, 3200);
+    eprintln!(
+        "table peak memory: {short:.0} MB for 320 frames, {continuous:.0} MB for 3,200 there and back, {jumping:.0} MB with jumps"
+    );
+    assert!(short <= 800.0, "{short} MB");
+    for ten in [continuous, jumping] {
+        assert!((ten / short - 1.0).abs() <= 0.05, "{short} MB for one, {ten} MB for ten");
+    }
+}
+
+/// A body that is somewhere else from one frame to the next stays a body: a cut in a capture is no reason to tear the scan.
+#[test]
+#[ignore = "minutes; run by scripts/measure.sh"]
+fn a_jump_to_another_place_tears_nothing() {
+    let Some(data) = common::shared() else { return };
+    let work = tempfile::tempdir().unwrap();
+    let take = work.path().join("jump.c3d");
+    std::fs::write(&take, repeated(&std::fs::read(data.join(WALK)).unwrap(), 2, Again::FromTheStart)).unwrap();
+    let run = run("b-jump", APOSE, take.to_str().unwrap(), &["--ref-file", STATIC, "--frames", "440..500"]).unwrap();
+    run.demand(0.85);
 }
