@@ -180,6 +180,7 @@ pub(super) fn mix(x: u64) -> u64 {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::super::tetrahedra::volume;
     use super::*;

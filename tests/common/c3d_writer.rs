@@ -1,7 +1,7 @@
 //! A small C3D writer for tests and fixtures: labelled points in any of the six encodings, with optional analog words.
 //!
 //! Self-contained: included with `#[path]` where it is needed.
-#![allow(dead_code, unreachable_pub, missing_docs)]
+#![allow(dead_code, missing_docs)]
 
 /// Byte order and floats of the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

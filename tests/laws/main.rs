@@ -32,7 +32,7 @@ struct Case {
 
 impl Case {
     fn new(shape: Shape, kind: MapKind) -> Self {
-        let options = BuildOptions { surface_vertices: 800, ..BuildOptions::default() };
+        let options = BuildOptions { surface_vertices: 800 };
         let proxy = build(&shape.points, &shape.triangles, &options, &|| Ok(())).unwrap().proxy;
         let map = SurfaceMap::build(&proxy, &shape.points, kind).unwrap();
         let rows = HandleRows::new(&proxy, kind);

@@ -17,7 +17,6 @@ pub struct Body {
 
 /// A segment of the skeleton, from its joint to its end, with the joint that it hangs on.
 pub struct Bone {
-    pub name: &'static str,
     pub parent: usize,
     pub from: DVec3,
     pub to: DVec3,
@@ -39,9 +38,9 @@ fn v(x: f64, y: f64, z: f64) -> DVec3 {
 /// The skeleton at rest.
 pub fn bones() -> Vec<Bone> {
     let mut bones = vec![
-        Bone { name: "pelvis", parent: PELVIS, from: v(0.0, 0.95, 0.0), to: v(0.0, 1.12, 0.0), radii: [0.14, 0.12] },
-        Bone { name: "chest", parent: PELVIS, from: v(0.0, 1.12, 0.0), to: v(0.0, 1.46, -0.01), radii: [0.13, 0.10] },
-        Bone { name: "head", parent: CHEST, from: v(0.0, 1.49, -0.005), to: v(0.0, 1.68, 0.02), radii: [0.055, 0.09] },
+        Bone { parent: PELVIS, from: v(0.0, 0.95, 0.0), to: v(0.0, 1.12, 0.0), radii: [0.14, 0.12] },
+        Bone { parent: PELVIS, from: v(0.0, 1.12, 0.0), to: v(0.0, 1.46, -0.01), radii: [0.13, 0.10] },
+        Bone { parent: CHEST, from: v(0.0, 1.49, -0.005), to: v(0.0, 1.68, 0.02), radii: [0.055, 0.09] },
     ];
     for side in [1.0, -1.0] {
         let arm = v(side * 0.70, -0.70, 0.13).normalize();
@@ -50,18 +49,18 @@ pub fn bones() -> Vec<Bone> {
         let wrist = elbow + v(side * 0.70, -0.68, 0.22).normalize() * 0.26;
         let tip = wrist + v(side * 0.70, -0.70, 0.14).normalize() * 0.10;
         let first = bones.len();
-        bones.push(Bone { name: "upper_arm", parent: CHEST, from: shoulder, to: elbow, radii: [0.052, 0.040] });
-        bones.push(Bone { name: "forearm", parent: first, from: elbow, to: wrist, radii: [0.040, 0.027] });
-        bones.push(Bone { name: "hand", parent: first + 1, from: wrist, to: tip, radii: [0.028, 0.030] });
+        bones.push(Bone { parent: CHEST, from: shoulder, to: elbow, radii: [0.052, 0.040] });
+        bones.push(Bone { parent: first, from: elbow, to: wrist, radii: [0.040, 0.027] });
+        bones.push(Bone { parent: first + 1, from: wrist, to: tip, radii: [0.028, 0.030] });
     }
     for side in [1.0, -1.0] {
         let hip = v(side * 0.095, 0.90, 0.0);
         let knee = v(side * 0.13, 0.49, 0.012);
         let ankle = v(side * 0.155, 0.085, -0.025);
         let first = bones.len();
-        bones.push(Bone { name: "thigh", parent: PELVIS, from: hip, to: knee, radii: [0.085, 0.054] });
-        bones.push(Bone { name: "shank", parent: first, from: knee, to: ankle, radii: [0.050, 0.036] });
-        bones.push(Bone { name: "foot", parent: first + 1, from: ankle, to: v(side * 0.175, 0.03, 0.15), radii: [0.034, 0.026] });
+        bones.push(Bone { parent: PELVIS, from: hip, to: knee, radii: [0.085, 0.054] });
+        bones.push(Bone { parent: first, from: knee, to: ankle, radii: [0.050, 0.036] });
+        bones.push(Bone { parent: first + 1, from: ankle, to: v(side * 0.175, 0.03, 0.15), radii: [0.034, 0.026] });
     }
     bones
 }
