@@ -128,7 +128,7 @@ fn write(open: Open, path: PathBuf, tolerance: Tolerance) -> Result<Written> {
         offset,
         rate: header.rate,
         name: &stem(&scan.source).unwrap_or_else(|| "scan".to_owned()),
-        animation: &stem(&path).unwrap_or_else(|| "motion".to_owned()),
+        animation: if header.take.is_empty() { "motion" } else { &header.take },
     };
     let (document, buffer) = content.build(&mut notes);
     header.cancel.check()?;
