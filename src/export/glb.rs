@@ -134,7 +134,7 @@ fn write(open: Open, path: PathBuf, tolerance: Tolerance) -> Result<Written> {
     header.cancel.check()?;
     let unwritable = |e: std::io::Error| Error::unwritable(&path, &e);
     let mut out = BufWriter::with_capacity(1 << 20, file.file_mut());
-    buffer.write(document, &mut out).map_err(unwritable)?;
+    buffer.write(document, &mut out, unwritable)?;
     out.flush().map_err(unwritable)?;
     drop(out);
     let bytes = file.finish()?;
