@@ -73,9 +73,27 @@ pub struct Outcome {
     pub held: Frames,
     /// Passes of the solver in all.
     pub passes: u64,
+    /// Frames found again from the rest pose, since the solver had lost them.
+    pub recovered: Frames,
+    /// How far the worst of the frames in `unsolved` may be from solved, in diagonals.
+    pub unsolved_error: f64,
     /// Milliseconds per stage in all: solve, map, write.
     pub stage_ms: [f64; 3],
+    /// Milliseconds that completing the outputs took.
+    pub finish_ms: f64,
 }
+
+/// How far a run is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Progress {
+    /// So many frames are solved.
+    Frames(usize),
+    /// All frames are solved; the outputs are completed, which takes a while for a skin.
+    Finishing,
+}
+
+/// The error of a pose over the last step of the solver, as measured; at worst twice that.
+const ERROR_PER_STEP: f64 = 20.0;
 
 /// A set of frames, kept as the first few ranges and a count.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -126,11 +144,11 @@ struct Batch {
     map_ms: f64,
 }
 
-/// Runs all frames and completes all sinks. `progress` is called with the number of frames solved.
+/// Runs all frames and completes all sinks. `progress` is told how far it is.
 ///
 /// # Errors
 /// The first failure of any stage; nothing is left behind then. The report is returned unfinished, since it also tells of the outputs.
-pub fn run(mut job: Job<'_>, progress: &(dyn Fn(usize) + Sync)) -> Result<Outcome> {
+pub fn run(mut job: Job<'_>, progress: &(dyn Fn(Progress) + Sync)) -> Result<Outcome> {
     let needs = job
         .sinks
         .iter()
@@ -157,10 +175,21 @@ pub fn run(mut job: Job<'_>, progress: &(dyn Fn(usize) + Sync)) -> Result<Outcom
     outcome.stage_ms[1] = writer.map_ms;
     outcome.stage_ms[2] = writer.write_ms;
     outcome.report = writer.report;
-    for sink in writer.sinks {
-        outcome.written.push(sink.finish()?);
-    }
+    progress(Progress::Finishing);
+    let start = Instant::now();
+    outcome.written = finish(writer.sinks)?;
+    outcome.finish_ms = start.elapsed().as_secs_f64() * 1e3;
     Ok(outcome)
+}
+
+/// Completes the sinks; those that took no frames as they came still have work to do, which may fail or be interrupted, and go first, so that
+/// nothing is there before everything is.
+fn finish(sinks: Vec<Box<dyn FrameSink>>) -> Result<Vec<Written>> {
+    let mut sinks: Vec<(usize, Box<dyn FrameSink>)> = sinks.into_iter().enumerate().collect();
+    sinks.sort_by_key(|(place, sink)| (sink.needs().points, *place));
+    let mut written = sinks.into_iter().map(|(place, sink)| Ok((place, sink.finish()?))).collect::<Result<Vec<_>>>()?;
+    written.sort_by_key(|w| w.0);
+    Ok(written.into_iter().map(|w| w.1).collect())
 }
 
 /// All stages on this thread.
@@ -216,7 +245,7 @@ fn overlapped(solver: &mut Solver<'_>, mapper: &Mapper, writer: &mut Writer) -> 
 /// First stage: markers → targets → proxy poses.
 struct Solver<'a> {
     job: Job<'a>,
-    progress: &'a (dyn Fn(usize) + Sync),
+    progress: &'a (dyn Fn(Progress) + Sync),
     next: usize,
     targets: Targets,
     present: Vec<bool>,
@@ -226,7 +255,7 @@ struct Solver<'a> {
 }
 
 impl<'a> Solver<'a> {
-    fn new(job: Job<'a>, progress: &'a (dyn Fn(usize) + Sync)) -> Self {
+    fn new(job: Job<'a>, progress: &'a (dyn Fn(Progress) + Sync)) -> Self {
         let handles = job.handles.len();
         Self {
             next: job.range.start.saturating_sub(PRE_ROLL),
@@ -267,7 +296,7 @@ impl<'a> Solver<'a> {
             batch.proxy[slot].extend_from_slice(self.job.deformer.pose());
             batch.measures.push(measure);
             self.note(&measure);
-            (self.progress)(self.outcome.frames);
+            (self.progress)(Progress::Frames(self.outcome.frames));
         }
         Ok(!batch.measures.is_empty())
     }
@@ -339,6 +368,10 @@ impl<'a> Solver<'a> {
         }
         if !m.stats.converged {
             out.unsolved.add(m.frame);
+            out.unsolved_error = out.unsolved_error.max(m.stats.step * ERROR_PER_STEP);
+        }
+        if m.stats.recovered {
+            out.recovered.add(m.frame);
         }
     }
 }

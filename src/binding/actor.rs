@@ -114,6 +114,10 @@ fn find_up(
 }
 
 fn find_stature(track: &Track<'_>, names: &Names, frames: &[usize], up: DVec3) -> Option<f64> {
+    // Without a marker near the floor there is nothing to measure the height from.
+    if !names.iter().any(|(_, p)| matches!(p.part, Part::Shank | Part::Foot)) {
+        return None;
+    }
     let by_landmark = HEIGHTS.iter().find_map(|&(landmark, share)| {
         let markers: Vec<usize> = names.iter().filter(|(_, p)| p.landmark == landmark).map(|(i, _)| i).collect();
         (!markers.is_empty()).then_some((markers, share))
@@ -168,7 +172,8 @@ pub(crate) fn unit_of_stature(stature: f64, file: Option<Known<Unit>>) -> Option
     {
         return Some(known);
     }
-    [Unit::Millimetre, Unit::Centimetre, Unit::Decimetre, Unit::Metre, Unit::Inch]
+    // Captures in inches say so, if there are any: a guess is a power of ten.
+    [Unit::Millimetre, Unit::Centimetre, Unit::Decimetre, Unit::Metre]
         .into_iter()
         .find(|&unit| fits(unit))
         .map(|unit| Known::new(unit, Evidence::Size))

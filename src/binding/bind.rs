@@ -36,6 +36,8 @@ const LEAVES: f64 = 0.03;
 const SOFT: f64 = 0.1;
 /// An unnamed marker that moves more than this against every segment, in statures, is not on the body.
 const PROP: f64 = 0.02;
+/// Frames that it takes to tell with which segment an unnamed marker moves.
+const LEAST_MOTION: usize = 10;
 /// Attachments farther outside than this, in diagonals, are refused by name.
 pub(super) const OUTSIDE: f64 = 0.05;
 /// Frames that the whole-take measures look at.
@@ -73,6 +75,7 @@ pub fn bind(
         Ok(body) => oriented(body, options),
         Err(reason) => {
             if options.align == Align::Auto
+                && options.reference == Reference::Auto
                 && let Some(found) = raw::lies_on(scan, &take, None, options)
             {
                 return raw::bind_found(scan, None, &take, found, options);
@@ -82,6 +85,7 @@ pub fn bind(
     };
     let skeleton = Skeleton::of(&body);
     if options.align == Align::Auto
+        && options.reference == Reference::Auto
         && reference.is_none()
         && options.yaw.is_none()
         && options.scale.is_none()
@@ -397,6 +401,10 @@ impl Human<'_> {
             let named = take.names.places[marker].as_ref().map(super::labels::Place::segment);
             let segment = match named {
                 Some(segment) => segment,
+                None if take.track.take.frames() < LEAST_MOTION => {
+                    unbound.push((label, "unknown label in a take too short to tell its segment".to_owned()));
+                    continue;
+                }
                 None => match assigned.iter().find(|a| a.marker == marker) {
                     Some(a) if a.movement <= PROP => a.segment,
                     Some(a) => {

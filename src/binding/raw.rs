@@ -71,8 +71,8 @@ pub(super) fn lies_on(scan: &ScanShape<'_>, take: &Take<'_>, body: Option<&Skele
                     continue;
                 }
             }
-            if best.is_none_or(|(m, _)| median < m) {
-                best = Some((median, Found { frame, factor }));
+            if best.is_none_or(|(worst, _)| p90 < worst) {
+                best = Some((p90, Found { frame, factor }));
             }
         }
     }
@@ -126,11 +126,19 @@ pub(super) fn bind_found(
             .hint("--capture-unit or --scan-unit, or --ref N with a frame in which they meet"));
     }
     let mut notes = Notes::default();
-    if let Some(body) = body
-        && body.facing_ratio < 2.0
-        && options.align != Align::None
-    {
-        notes.warn("the capture was taken as lying on the scan already");
+    if options.align == Align::None {
+        let ignored = [
+            ("--yaw", options.yaw.is_some()),
+            ("--flip", options.flip),
+            ("--capture-up", options.capture_up.is_some()),
+            ("--scan-up", options.scan_up.is_some()),
+        ];
+        let ignored: Vec<&str> = ignored.iter().filter(|i| i.1).map(|i| i.0).collect();
+        if !ignored.is_empty() {
+            notes.warn(format!("{} not used with --align none", ignored.join(" and ")));
+        }
+    } else {
+        notes.warn("the markers lie on the scan as they are: nothing was moved (--align similarity or pose fits them instead)");
     }
     let unit = options.capture_unit.map(|u| Known::new(u, Evidence::User)).or(take.capture.space.unit);
     let skeleton = body.map(Skeleton::of);

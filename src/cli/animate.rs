@@ -9,7 +9,7 @@ use crate::deform::Handle;
 use crate::deform::volumetric::{Options, Volumetric};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::export::{Cancel, FrameSink, Header, Written};
-use crate::pipeline::{self, Job, Outcome};
+use crate::pipeline::{self, Job, Outcome, Progress};
 use crate::proxy::rows::HandleRows;
 use crate::proxy::{self, BuildOptions, Proxy, medit};
 use crate::report::{self, ReportWriter};
@@ -19,6 +19,7 @@ use crate::surface::SurfaceMap;
 use glam::DVec3;
 use serde_json::{Value, json};
 use std::ops::Range;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -75,11 +76,14 @@ impl Setup {
             || bind(args, &scan, unit_box, &points, &triangles, &capture, reference.as_ref()),
         );
         let binding = bound?;
-        console.station("scan", &scan_line(args, &scan, unit_box, &binding));
+        console.station("scan", &scan_line(args, &scan, &binding));
         console.station("capture", &capture_line(args, &capture, &binding));
         console.station("bind", &binding.decisions.bind_line());
         warn(console, &mut warnings, &scan.notes);
         warn(console, &mut warnings, &capture.notes);
+        if let Some(reference) = &reference {
+            warn(console, &mut warnings, &reference.notes);
+        }
         warn(console, &mut warnings, &cut(args, &capture, &range));
         warn(console, &mut warnings, &binding.notes);
         warn(console, &mut warnings, &unbound(&binding));
@@ -162,11 +166,14 @@ impl Setup {
             overlap,
         };
         let progress = console.progress(header.frames);
-        let result = pipeline::run(job, &|done| progress.at(done));
+        let result = pipeline::run(job, &|step| match step {
+            Progress::Frames(done) => progress.at(done),
+            Progress::Finishing => progress.finishing(),
+        });
         progress.finish();
         let mut outcome = result.map_err(|e| interrupted_where(e, &progress, header.frames))?;
 
-        outcome_warnings(&outcome).iter().for_each(|text| {
+        outcome_warnings(&outcome, self.unit_box.diagonal, metres).iter().for_each(|text| {
             console.warning(text);
             self.warnings.push(text.clone());
         });
@@ -180,16 +187,17 @@ impl Setup {
         console.station("done", &done_line(&outcome, total, &self.handles, metres, self.unit_box.diagonal));
         let [solve, map, write] = outcome.stage_ms.map(|ms| ms / outcome.frames.max(1) as f64);
         console.detail(&format!(
-            "set-up {} · per frame: solve {solve:.1} ms ({:.1} passes), map {map:.1} ms, write {write:.1} ms · peak {}",
+            "set-up {} · per frame: solve {solve:.1} ms ({:.1} passes), map {map:.1} ms, write {write:.1} ms · outputs completed in {} · peak {}",
             words::seconds(setup_seconds),
             outcome.passes as f64 / outcome.frames.max(1) as f64,
+            words::seconds(outcome.finish_ms / 1e3),
             report::peak_megabytes().map_or("unknown".into(), |mb| format!("{mb:.0} MB")),
         ));
         Ok(())
     }
 
     fn report_head(&self, args: &Animate) -> Vec<(&'static str, Value)> {
-        let name = |p: &std::path::Path| p.display().to_string();
+        let name = |p: &Path| p.display().to_string();
         let inputs = json!({
             "scan": name(&args.scan),
             "capture": name(&args.capture),
@@ -232,8 +240,18 @@ fn warn(console: &Console, all: &mut Vec<String>, notes: &Notes) {
 fn read_captures(args: &Animate) -> Result<(Capture, Option<Capture>)> {
     let options = ReadOptions { subject: args.subject.clone(), frames: None };
     let capture = capture::read(&args.capture, &options)?;
-    let reference = args.ref_file.as_ref().map(|path| capture::read(path, &ReadOptions::default())).transpose()?;
+    let reference = args.ref_file.as_ref().map(|path| read_reference(path, &options)).transpose()?;
     Ok((capture, reference))
+}
+
+/// The static trial; one of a single person may not name the subject.
+fn read_reference(path: &Path, options: &ReadOptions) -> Result<Capture> {
+    let mut capture = capture::read(path, options)
+        .or_else(|e| if e.kind == Kind::Usage { capture::read(path, &ReadOptions::default()) } else { Err(e) })?;
+    let mut notes = Notes::default();
+    capture.notes.iter().for_each(|text| notes.warn(format!("{}: {text}", file_name(path))));
+    capture.notes = notes;
+    Ok(capture)
 }
 
 /// The proxy: built from the scan, or read from `--proxy`; with the words of its line.
@@ -298,7 +316,7 @@ fn bind(
         .map_err(|e| if e.file.is_none() { e.file(&scan.source) } else { e })
 }
 
-fn scan_line(args: &Animate, scan: &Scan, unit_box: UnitBox, binding: &Binding) -> String {
+fn scan_line(args: &Animate, scan: &Scan, binding: &Binding) -> String {
     let mesh = &scan.mesh;
     let (mut triangles, mut polygons) = (0, 0);
     mesh.faces.iter().for_each(|f| if f.len() == 3 { triangles += 1 } else { polygons += 1 });
@@ -309,7 +327,6 @@ fn scan_line(args: &Animate, scan: &Scan, unit_box: UnitBox, binding: &Binding) 
     if polygons > 0 {
         faces.push(words::plural(polygons, "polygon"));
     }
-    let _ = unit_box;
     format!(
         "{}  {}, {}  {}",
         file_name(&args.scan),
@@ -408,25 +425,36 @@ fn solve_line(args: &Animate) -> String {
 }
 
 /// Warnings about the frames, one per kind.
-fn outcome_warnings(outcome: &Outcome) -> Vec<String> {
+fn outcome_warnings(outcome: &Outcome, diagonal: f64, metres: Option<f64>) -> Vec<String> {
     let mut texts = Vec::new();
     if outcome.held.count() > 0 {
         texts.push(format!("{} without any marker: the pose was held", outcome.held));
     }
     if outcome.folds.count() > 0 {
-        texts.push(format!("fold at {}: more than 10 tetrahedra are inside out there", outcome.folds));
+        texts.push(format!(
+            "fold at {}: more than 10 tetrahedra are inside out there, so look at deep creases of the skin",
+            outcome.folds
+        ));
     }
     if outcome.unsolved.count() > 0 {
-        texts.push(format!("{} not solved to the tolerance", outcome.unsolved));
+        let error = length(outcome.unsolved_error * diagonal, metres);
+        texts.push(format!("{} not solved to the tolerance, but to within about {error}", outcome.unsolved));
+    }
+    if outcome.recovered.count() > 0 {
+        texts.push(format!("{} found again from the rest pose: the body may jump there", outcome.recovered));
     }
     texts
 }
 
-fn done_line(outcome: &Outcome, total: f64, handles: &[Handle], metres: Option<f64>, diagonal: f64) -> String {
-    let length = |scan_units: f64| match metres {
+/// A length of the scan as a person reads it.
+fn length(scan_units: f64, metres: Option<f64>) -> String {
+    match metres {
         Some(m) => words::length(scan_units * m),
         None => format!("{} units", words::digits(scan_units)),
-    };
+    }
+}
+
+fn done_line(outcome: &Outcome, total: f64, handles: &[Handle], metres: Option<f64>, diagonal: f64) -> String {
     let residual =
         |mm: f64| if metres.is_some() { format!("{} mm", words::digits(mm)) } else { format!("{} units", words::digits(mm)) };
     let mut parts = vec![words::seconds(total)];
@@ -440,12 +468,12 @@ fn done_line(outcome: &Outcome, total: f64, handles: &[Handle], metres: Option<f
     }
     parts.push(format!("volume {:.1}–{:.1} %", outcome.volume.0 * 100.0, outcome.volume.1 * 100.0));
     for written in &outcome.written {
-        parts.push(written_words(written, diagonal, &length));
+        parts.push(written_words(written, diagonal, metres));
     }
     parts.join(" · ")
 }
 
-fn written_words(written: &Written, diagonal: f64, length: &dyn Fn(f64) -> String) -> String {
+fn written_words(written: &Written, diagonal: f64, metres: Option<f64>) -> String {
     let mut text = format!("{} {} ({}", written.path.display(), words::bytes(written.bytes), written.encoding);
     if written.max_error > 0.0 {
         let percent = |e: f64| words::digits(e / diagonal * 100.0);
@@ -453,7 +481,7 @@ fn written_words(written: &Written, diagonal: f64, length: &dyn Fn(f64) -> Strin
             ", rms {} %, worst vertex {} % = {}",
             percent(written.rms_error),
             percent(written.max_error),
-            length(written.max_error)
+            length(written.max_error, metres)
         );
         if let Some(frame) = written.worst_frame {
             text += &format!(" in frame {frame}");
@@ -473,6 +501,6 @@ fn interrupted_where(error: Error, progress: &super::console::Progress, frames: 
     )
 }
 
-fn file_name(path: &std::path::Path) -> String {
+fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }

@@ -1,11 +1,12 @@
 //! The arguments as typed: strings checked and turned into values, nothing opened yet.
 
+use crate::deform::volumetric::Options;
 use crate::proxy::rows::MapKind;
 use crate::space::{Axis, Unit};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
-/// Makes a scan move like the person, animal or machine that was captured.
+/// Makes a scan move like the person that was captured.
 #[derive(Debug, Parser)]
 #[command(
     name = "retarget",
@@ -28,14 +29,14 @@ pub struct Cli {
 /// What else the program does.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Say what is in scans and captures, without writing anything
+    /// Say what is in scans, captures and outputs, without writing anything
     Inspect(Inspect),
 }
 
 /// Arguments of `retarget inspect`.
 #[derive(Debug, Args)]
 pub struct Inspect {
-    /// Scans (OBJ, PLY, STL, also .gz) and captures (C3D)
+    /// Scans (OBJ, PLY, STL, also .gz), captures (C3D), outputs (GLB, PC2)
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Print JSON, one object per file, for programs
@@ -80,7 +81,7 @@ pub struct Animate {
     #[arg(long, value_name = "X", value_parser = parse_positive, help_heading = "Placement")]
     pub scale: Option<f64>,
     /// Turn the capture about its up axis, degrees, instead of finding the facing
-    #[arg(long, value_name = "DEG", help_heading = "Placement", allow_hyphen_values = true)]
+    #[arg(long, value_name = "DEG", value_parser = parse_finite, help_heading = "Placement", allow_hyphen_values = true)]
     pub yaw: Option<f64>,
     /// Turn the capture by half a turn about up
     #[arg(long, help_heading = "Placement")]
@@ -97,17 +98,17 @@ pub struct Animate {
     /// Axis of the scan that points up: +X, -X, +Y, ...
     #[arg(long, value_name = "AXIS", help_heading = "Placement", allow_hyphen_values = true)]
     pub scan_up: Option<Axis>,
-    /// Unit of the capture
+    /// Unit of the capture: mm, cm, dm, m, in, ft
     #[arg(long, value_name = "UNIT", help_heading = "Placement")]
     pub capture_unit: Option<Unit>,
-    /// Axis of the capture that points up
+    /// Axis of the capture that points up: +X, -X, +Y, ...
     #[arg(long, value_name = "AXIS", help_heading = "Placement", allow_hyphen_values = true)]
     pub capture_up: Option<Axis>,
     /// Go on with a warning where the placement would be refused as doubtful
     #[arg(long, help_heading = "Placement")]
     pub accept_doubtful: bool,
 
-    /// Surface vertices of the tetrahedral proxy
+    /// Surface vertices of the tetrahedral proxy, 100 to 100000
     #[arg(long, value_name = "N", default_value_t = 3000, value_parser = clap::value_parser!(u32).range(100..=100_000), help_heading = "Proxy")]
     pub proxy_vertices: u32,
     /// Use this tetrahedral mesh (MEDIT, in the scan's coordinates) as the proxy
@@ -169,11 +170,11 @@ impl From<Map> for MapKind {
 /// `--quality`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum QualityArg {
-    /// A tenth of a millimetre per step on a body
+    /// For a first look: within about 2 mm on a person
     Draft,
-    /// A hundredth
+    /// Within about 0.3 mm
     Default,
-    /// As far as the golden files
+    /// Within about 0.1 mm
     Converged,
 }
 
@@ -181,9 +182,9 @@ impl QualityArg {
     /// Largest step of the solver at which a frame counts as solved, in diagonals.
     pub fn tolerance(self) -> f64 {
         match self {
-            QualityArg::Draft => 5e-5,
-            QualityArg::Default => 5e-6,
-            QualityArg::Converged => 1e-6,
+            QualityArg::Draft => Options::DRAFT,
+            QualityArg::Default => Options::NORMAL,
+            QualityArg::Converged => Options::CONVERGED,
         }
     }
 }
@@ -212,6 +213,10 @@ fn parse_frames(text: &str) -> Result<(i64, i64), String> {
         return Err(format!("the range ends ({b}) before it begins ({a})"));
     }
     Ok((a, b))
+}
+
+fn parse_finite(text: &str) -> Result<f64, String> {
+    text.parse::<f64>().ok().filter(|x| x.is_finite()).ok_or_else(|| "expected a number".into())
 }
 
 fn parse_positive(text: &str) -> Result<f64, String> {

@@ -113,6 +113,19 @@ impl Progress {
         }
     }
 
+    /// All frames are done; the outputs are completed.
+    pub(super) fn finishing(&self) {
+        if let Some(bar) = &self.bar {
+            bar.set_style(
+                ProgressStyle::with_template("  completing the outputs {elapsed}")
+                    .unwrap_or_else(|_| ProgressStyle::default_bar()),
+            );
+            bar.enable_steady_tick(Duration::from_millis(500));
+        } else if self.plain && self.start.elapsed() >= PLAIN_INTERVAL {
+            eprintln!("  completing the outputs");
+        }
+    }
+
     /// Frames done so far.
     pub(super) fn done(&self) -> usize {
         self.done.load(Ordering::Relaxed)

@@ -23,12 +23,18 @@ struct Found {
 
 /// Prints what is in every file on standard output; warnings go to standard error.
 pub(super) fn run(args: &Inspect, console: &Console) -> Result<()> {
+    let mut failure = Ok(());
     for path in &args.files {
-        let found = look(path)?;
-        print(args, path, &found);
-        found.notes.iter().for_each(|text| console.warning(&format!("{}: {text}", path.display())));
+        match look(path) {
+            Ok(found) => {
+                print(args, path, &found);
+                found.notes.iter().for_each(|text| console.warning(&format!("{}: {text}", path.display())));
+            }
+            Err(error) if failure.is_ok() => failure = Err(error),
+            Err(error) => console.error(&error),
+        }
     }
-    Ok(())
+    failure
 }
 
 #[allow(clippy::print_stdout)]

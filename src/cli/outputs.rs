@@ -19,12 +19,12 @@ pub(super) fn sinks(args: &Animate) -> Result<Vec<Box<dyn FrameSink>>> {
     let mut sinks = Vec::new();
     for path in args.out.iter().chain(&args.report) {
         let whole = absolute(path);
-        if seen.contains(&whole) {
+        if seen.iter().any(|other| *other == whole || same_frames(other, &whole)) {
             return Err(Error::new(Kind::Usage, "this output is named twice")
                 .file(path)
                 .expected("every output to have a path of its own"));
         }
-        if inputs.iter().any(|i| absolute(i) == whole) {
+        if inputs.iter().any(|i| absolute(i) == whole || is_frame_of(&absolute(i), &whole)) {
             return Err(Error::new(Kind::Usage, "this output would replace an input").file(path).expected("another path"));
         }
         seen.push(whole);
@@ -52,6 +52,27 @@ pub(super) fn sinks(args: &Animate) -> Result<Vec<Box<dyn FrameSink>>> {
 
 fn is_sequence(path: &Path) -> bool {
     path.file_name().is_some_and(|n| n.to_string_lossy().contains('#'))
+}
+
+/// Folder, and what stands before and behind the run of `#`.
+fn parts(pattern: &Path) -> Option<(PathBuf, String, String)> {
+    let name = pattern.file_name()?.to_string_lossy().into_owned();
+    let start = name.find('#')?;
+    let run = name[start..].chars().take_while(|c| *c == '#').count();
+    Some((pattern.parent()?.to_owned(), name[..start].to_owned(), name[start + run..].to_owned()))
+}
+
+/// Whether a file could be a frame of a pattern.
+fn is_frame_of(file: &Path, pattern: &Path) -> bool {
+    let (Some((folder, before, behind)), Some(name)) = (parts(pattern), file.file_name()) else { return false };
+    let name = name.to_string_lossy();
+    let number = name.strip_prefix(before.as_str()).and_then(|rest| rest.strip_suffix(behind.as_str()));
+    file.parent() == Some(&folder) && number.is_some_and(|n| n.parse::<i64>().is_ok())
+}
+
+/// Whether two patterns name the same frames, up to leading zeros.
+fn same_frames(a: &Path, b: &Path) -> bool {
+    parts(a).is_some_and(|a| parts(b) == Some(a))
 }
 
 fn sink(path: &Path) -> Result<Box<dyn FrameSink>> {

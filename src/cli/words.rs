@@ -41,7 +41,8 @@ pub(super) fn length(metres: f64) -> String {
 
 /// A duration: `4.9 s`, `2 min 05 s`.
 pub(super) fn seconds(s: f64) -> String {
-    if s < 60.0 { format!("{s:.1} s") } else { format!("{} min {:02.0} s", (s / 60.0).floor(), s % 60.0) }
+    let whole = s.round() as u64;
+    if s < 59.95 { format!("{s:.1} s") } else { format!("{} min {:02} s", whole / 60, whole % 60) }
 }
 
 /// A size in bytes: `11 MB`, `512 kB`.
@@ -72,6 +73,7 @@ mod tests {
         assert_eq!(length(0.0312), "31.2 mm");
         assert_eq!(length(1.776), "1.78 m");
         assert_eq!(seconds(125.0), "2 min 05 s");
+        assert_eq!(seconds(119.7), "2 min 00 s");
         assert_eq!(bytes(11_400_000), "11.4 MB");
     }
 }

@@ -91,6 +91,12 @@ impl Pending {
         if target.is_dir() {
             return Err(Error::new(Kind::Unwritable, "is a folder").file(target).expected("the name of a file"));
         }
+        if target.exists() && !target.is_file() {
+            return Err(Error::new(Kind::Unwritable, "is not a regular file").file(target).expected("the name of a file"));
+        }
+        // What a link points to is replaced, not the link.
+        let target =
+            &if target.is_symlink() { target.canonicalize().unwrap_or_else(|_| target.to_owned()) } else { target.to_owned() };
         let folders = NewFolders::create(folder_of(target))?;
         let mut builder = tempfile::Builder::new();
         builder.prefix(".retarget-");

@@ -229,13 +229,15 @@ fn blocks_of(section: &[u8]) -> u64 {
 fn frame_range(header: &Header, parameters: &Parameters<'_>, whole: u64, notes: &mut Notes) -> (i64, usize) {
     const LIMIT: u64 = 65_535;
     let wide = |name: &str| match parameters.numbers("TRIAL", name)[..] {
-        [low, high, ..] => Some(low as u64 + 65_536 * high as u64),
-        [one] => Some(one as u64),
+        [low, high, ..] => {
+            Some((low as u64).saturating_add((high as u64).saturating_mul(65_536))).filter(|n| *n <= u32::MAX.into())
+        }
+        [one] => Some(one as u64).filter(|n| *n <= u32::MAX.into()),
         [] => None,
     };
     let short = u64::from(header.last).saturating_sub(header.first.into()) + u64::from(header.last >= header.first);
     let actual = wide("ACTUAL_START_FIELD").zip(wide("ACTUAL_END_FIELD")).filter(|(start, end)| end >= start && *end > LIMIT);
-    let long = parameters.number("POINT", "LONG_FRAMES").map(|n| n as u64).filter(|n| *n > LIMIT);
+    let long = parameters.number("POINT", "LONG_FRAMES").map(|n| n as u64).filter(|n| *n > LIMIT && *n <= u32::MAX.into());
     let listed = parameters.number("POINT", "FRAMES").map(|n| n as u64).filter(|n| *n > 0);
 
     let (first, declared) = match (actual, long) {
