@@ -3,10 +3,13 @@
 use super::Proxy;
 use super::caps::{Caps, fan_caps};
 use super::carve::{cut_air_gaps, drop_crumbs, finish, keep_inside, peel};
+use super::contacts::Skin;
 use super::decimate::decimate;
 use super::delaunay::tetrahedralize;
 use super::edges::{Edges, compact, double_area};
+use super::ground::ground;
 use super::lattice::inner_points;
+use super::parting::{carry_inwards, part};
 use super::pieces::orient;
 use super::refine::refine;
 use super::shell::shell;
@@ -65,6 +68,8 @@ pub struct Built {
     pub proxy: Proxy,
     /// Counts.
     pub summary: Summary,
+    /// Centroids of the tetrahedra that still join parts which only touch, in the space of the given points.
+    pub joined: Vec<DVec3>,
     /// What was doubtful.
     pub notes: Notes,
 }
@@ -108,6 +113,12 @@ pub struct Summary {
     pub loose_area: f64,
     /// Share of the body's area that lies inside other parts of it.
     pub buried: f64,
+    /// Vertices of the skin that touch, or lie inside, skin that is far away along the surface: an arm against the trunk.
+    pub touching: usize,
+    /// Deepest such overlap, as a share of the body's diagonal.
+    pub overlap: f64,
+    /// Tetrahedra that still join such parts.
+    pub joined: usize,
 }
 
 impl Summary {
@@ -126,6 +137,9 @@ impl Summary {
         }
         if self.across_air_gaps > 0 {
             words.push(format!("{} removed across air gaps", thousands(self.across_air_gaps)));
+        }
+        if self.touching > 0 {
+            words.push(format!("parts touch at {} vertices: held apart", thousands(self.touching)));
         }
         words.join(" · ")
     }
@@ -171,8 +185,9 @@ pub fn build(points: &[DVec3], triangles: &[[u32; 3]], options: &BuildOptions, c
     cancel()?;
     let target = options.surface_vertices;
     let mut summary = surface.summary;
+    let mut joined = Vec::new();
     let (proxy, flat) = match surface.summary.form {
-        Form::Body => match fill(&surface, target, &mut summary, cancel)? {
+        Form::Body => match fill(&surface, target, &mut summary, &mut joined, cancel)? {
             Ok(filled) => filled,
             Err(failure) => {
                 summary.form = Form::Cubes;
@@ -190,13 +205,27 @@ pub fn build(points: &[DVec3], triangles: &[[u32; 3]], options: &BuildOptions, c
     summary.vertices = proxy.rest.len();
     summary.tetrahedra = proxy.tets.len();
     summary.pieces = proxy.components.iter().max().map_or(0, |&last| last as usize + 1);
+    summary.joined = joined.len();
+    if summary.buried > MUCH_BURIED && summary.touching == 0 {
+        notes.warn(format!(
+            "{:.0} % of the surface lies inside other parts of it: parts that overlap move as one",
+            100.0 * summary.buried
+        ));
+    }
+    if !joined.is_empty() {
+        notes.warn(format!(
+            "arms or other parts touch the body: {} tetrahedra still join them {}, and they move together there",
+            thousands(joined.len()),
+            surface.place(&joined)
+        ));
+    }
     if summary.pieces > 1 {
         notes.warn(format!(
             "the body is in {} pieces that do not hold on to each other: each needs markers of its own",
             summary.pieces
         ));
     }
-    Ok(Built { proxy, summary, notes })
+    Ok(Built { proxy, summary, joined, notes })
 }
 
 /// The part of the scan that the proxy stands for.
@@ -225,10 +254,11 @@ impl Surface {
                 surface.count(&body, 1.0 - area / total);
                 surface.volume = volume;
                 surface.summary.buried = buried;
-                if buried > MUCH_BURIED {
+                if let Some(ratio) = ground(&surface.points, &surface.triangles, &surface.tree, surface.diagonal) {
                     notes.warn(format!(
-                        "{:.0} % of the surface lies inside other parts of it: parts that overlap move as one",
-                        100.0 * buried
+                        "a flat ground, {:.0} times as wide as what stands on it, has grown together with the body: it moves and tears \
+                         with the feet; cut it off the scan",
+                        ratio
                     ));
                 }
                 return surface;
@@ -253,6 +283,15 @@ impl Surface {
             TriangleTree::new(&points, &triangles)
         };
         Self { points, triangles, tree, diagonal: (hi - lo).length(), volume: 0.0, summary: Summary::default() }
+    }
+
+    /// `at 41–52 % of its longest side`.
+    fn place(&self, places: &[DVec3]) -> String {
+        let Some((lo, hi)) = self.tree.bounds() else { return String::new() };
+        let axis = (hi - lo).max_position();
+        let percent = |p: &DVec3| 100.0 * (p[axis] - lo[axis]) / (hi - lo)[axis];
+        let (from, to) = places.iter().map(percent).fold((f64::MAX, f64::MIN), |(a, b), x| (a.min(x), b.max(x)));
+        format!("at {from:.0}–{to:.0} % of its longest side")
     }
 
     fn count(&mut self, chosen: &[bool], loose_area: f64) {
@@ -298,6 +337,7 @@ fn fill(
     surface: &Surface,
     target: usize,
     summary: &mut Summary,
+    joined: &mut Vec<DVec3>,
     cancel: &dyn Fn() -> Result<()>,
 ) -> Result<Result<(Proxy, usize), String>> {
     let (mut points, mut triangles) = (surface.points.clone(), surface.triangles.clone());
@@ -310,7 +350,15 @@ fn fill(
         return Ok(Err(format!("{} vertices are left where {target} were wanted", points.len())));
     }
     cancel()?;
-    let coarse = capped_tree(&points, &triangles, &caps(&points, &triangles));
+    let closed = |points: &[DVec3]| capped_tree(points, &triangles, &caps(points, &triangles));
+    let skin = Skin::new(&points, &triangles, surface.diagonal);
+    let parted = part(&skin, &points, closed);
+    if let Some(parted) = &parted {
+        points.iter_mut().zip(&parted.shift).for_each(|(p, shift)| *p += *shift);
+    }
+    let coarse = closed(&points);
+    // Where parts were moved, the scan's own surface no longer tells what is inside.
+    let tree = if parted.is_some() { &coarse } else { &surface.tree };
     let inner = inner_points(&coarse, surface.volume, points.len());
     points.extend(inner);
     cancel()?;
@@ -319,14 +367,31 @@ fn fill(
         Err(failure) => return Ok(Err(failure.to_string())),
     };
     cancel()?;
-    keep_inside(&points, &mut tets, &surface.tree);
+    keep_inside(&points, &mut tets, tree);
     cancel()?;
-    summary.across_air_gaps = cut_air_gaps(&points, &mut tets, &surface.tree, AIR_GAP * surface.diagonal);
+    summary.across_air_gaps = cut_air_gaps(&points, &mut tets, tree, AIR_GAP * surface.diagonal);
+    let mut bridging = Vec::new();
+    if let Some(parted) = &parted {
+        summary.touching = parted.contacts;
+        summary.overlap = parted.depth / surface.diagonal;
+        let found = skin.bridging(&points, &tets, tree);
+        let (cut, kept): (Vec<_>, Vec<_>) = found.into_iter().partition(|(_, through_air)| *through_air);
+        bridging = kept.iter().map(|&(i, _)| tets[i]).collect();
+        let cut: Vec<[u32; 4]> = cut.iter().map(|&(i, _)| tets[i]).collect();
+        tets.retain(|t| !cut.contains(t));
+        summary.across_air_gaps += cut.len();
+    }
     summary.peeled = peel(&points, &mut tets);
     summary.crumbs = drop_crumbs(&points, &mut tets);
     if tets.is_empty() {
         return Ok(Err("nothing is left inside".into()));
     }
+    if let Some(parted) = &parted {
+        let shift = carry_inwards(&parted.shift, points.len(), &tets);
+        points.iter_mut().zip(shift).for_each(|(p, shift)| *p -= shift);
+    }
+    let centre = |t: &[u32; 4]| t.iter().map(|&v| points[v as usize]).sum::<DVec3>() * 0.25;
+    *joined = bridging.iter().filter(|t| tets.contains(t)).map(centre).collect();
     Ok(Ok(finish(&points, tets)))
 }
 

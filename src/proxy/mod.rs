@@ -5,14 +5,18 @@ use glam::DVec3;
 mod build;
 mod caps;
 mod carve;
+mod components;
+mod contacts;
 #[cfg(test)]
 mod corpus;
 mod decimate;
 mod delaunay;
 mod disjoint;
 mod edges;
+mod ground;
 mod lattice;
 pub mod medit;
+mod parting;
 mod pieces;
 mod refine;
 pub mod rows;
@@ -20,6 +24,8 @@ mod shell;
 #[cfg(test)]
 mod tests;
 mod tetrahedra;
+#[cfg(test)]
+mod touching;
 mod weld;
 
 pub use build::{BuildOptions, Built, Form, Summary, build};

@@ -325,3 +325,67 @@ fn the_number_of_threads_changes_nothing() {
         (three.rest, three.tets, three.boundary, three.boundary_tets)
     );
 }
+
+/// A ring of `degrees` around Z with round ends.
+fn open_ring(degrees: f64) -> Mesh {
+    let (along, around, radius) = (360u32, 16u32, 0.08);
+    let arc = degrees.to_radians() / f64::from(along);
+    let place = |i: u32, j: u32| {
+        let (s, c) = (arc * f64::from(i)).sin_cos();
+        let (t, u) = (2.0 * PI * f64::from(j) / f64::from(around)).sin_cos();
+        let from_end = (0.35 * arc * f64::from(i.min(along - i)) / radius).min(1.0);
+        let thick = radius * (from_end * (2.0 - from_end)).sqrt();
+        DVec3::new((0.35 + thick * u) * c, (0.35 + thick * u) * s, thick * t)
+    };
+    let points: Vec<DVec3> = (0..=along).flat_map(|i| (0..around).map(move |j| place(i, j))).collect();
+    let at = |i: u32, j: u32| i * around + j % around;
+    let squares = (0..along).flat_map(|i| (0..around).map(move |j| (i, j)));
+    let triangles =
+        squares.flat_map(|(i, j)| [[at(i, j), at(i + 1, j + 1), at(i + 1, j)], [at(i, j), at(i, j + 1), at(i + 1, j + 1)]]);
+    (points, triangles.collect())
+}
+
+#[test]
+fn ends_of_one_ring_that_touch_or_overlap_stay_apart() {
+    for (degrees, touches) in [(350.0, false), (365.0, true), (368.0, true)] {
+        let mesh = open_ring(degrees);
+        let built = build(&mesh.0, &mesh.1, &BuildOptions { surface_vertices: 2000 }, &|| Ok(())).unwrap();
+        assert_consistent(&built.proxy);
+        assert_eq!(built.summary.touching > 0, touches, "{degrees}");
+        assert_eq!((built.summary.pieces, built.summary.joined), (1, 0));
+        // Cut through where it is whole, the ring falls into two halves unless its ends hold on to each other.
+        let rest = &built.proxy.rest;
+        let cut = |t: &&[u32; 4]| !t.iter().any(|&v| rest[v as usize].x < -0.2 && rest[v as usize].y > 0.0);
+        let halves: Vec<[u32; 4]> = built.proxy.tets.iter().filter(cut).copied().collect();
+        let parts = tetrahedra::components_by_vertices(&halves, rest.len());
+        assert_eq!(parts.iter().max(), Some(&1), "{degrees}");
+    }
+}
+
+#[test]
+fn a_ground_under_the_feet_is_told() {
+    let mut mesh = cuboid(DVec3::new(-0.2, -0.05, -0.4), DVec3::new(-0.1, 0.05, 0.1), 6);
+    add(&mut mesh, cuboid(DVec3::new(0.1, -0.05, -0.4), DVec3::new(0.2, 0.05, 0.1), 6));
+    add(&mut mesh, cuboid(DVec3::new(-0.2, -0.1, 0.05), DVec3::new(0.2, 0.1, 0.4), 6));
+    let told = |mesh: &Mesh| run(mesh).notes.iter().any(|n| n.contains("a flat ground"));
+    assert!(!run(&mesh).notes.iter().any(|n| n.contains("ground")));
+    add(&mut mesh, cuboid(DVec3::new(-0.4, -0.3, -0.42), DVec3::new(0.4, 0.3, -0.39), 6));
+    assert!(told(&mesh), "{:?}", run(&mesh).notes);
+}
+
+#[test]
+fn a_component_can_be_left_out() {
+    let mut mesh = sphere(DVec3::X * 0.3, 0.15);
+    add(&mut mesh, sphere(DVec3::X * -0.3, 0.15));
+    let whole = run(&mesh).proxy;
+    for kept in 0..2 {
+        let proxy = whole.with_components(|c| c == kept);
+        assert_consistent(&proxy);
+        let count = whole.components.iter().filter(|&&c| c == kept).count();
+        assert_eq!((proxy.tets.len(), proxy.components.iter().max()), (count, Some(&0)));
+        let ratio = filled(&proxy) / filled(&whole);
+        assert!((0.49..0.51).contains(&ratio) && proxy.boundary.len() < whole.boundary.len());
+        let side = proxy.rest[0].x.signum();
+        assert!(proxy.rest.iter().all(|p| p.x * side > 0.1));
+    }
+}
