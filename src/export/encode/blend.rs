@@ -26,10 +26,38 @@ struct Hook {
     arm: DVec3,
 }
 
+/// Weighted moments of a support's arms: what a joint's fit needs besides the errors.
+#[derive(Clone, Copy, Debug)]
+struct Span {
+    mass: f64,
+    mean: DVec3,
+    /// About the mean.
+    scatter: DMat3,
+}
+
+impl Support {
+    fn span(&self, emphasis: Option<&[f64]>) -> Span {
+        let mut mass = 0.0;
+        let mut sum = DVec3::ZERO;
+        let mut square = DMat3::ZERO;
+        for hook in &self.hooks {
+            let a = hook.weight * emphasis.map_or(1.0, |e| e[hook.point as usize]) * hook.weight;
+            let arm = hook.arm * a;
+            mass += a;
+            sum += arm;
+            square += outer(arm, hook.arm);
+        }
+        let mean = sum / mass;
+        Span { mass, mean, scatter: square - outer(mean, sum) }
+    }
+}
+
 /// Points at rest with weights, joint by joint.
 #[derive(Clone, Debug)]
 pub struct Blend {
     supports: Vec<Support>,
+    /// Of the supports, without emphasis.
+    spans: Vec<Span>,
 }
 
 impl Blend {
@@ -53,7 +81,8 @@ impl Blend {
                 hook.arm -= support.middle;
             }
         }
-        Self { supports }
+        let spans = supports.iter().map(|s| s.span(None)).collect();
+        Self { supports, spans }
     }
 
     /// What the joints leave over: target less skinned point.
@@ -68,31 +97,35 @@ impl Blend {
         left
     }
 
-    /// Fits each joint once, in order, keeping `left` up to date. `emphasis` weighs the points' squared errors.
-    pub fn sweep(&self, joints: &mut [Rigid], left: &mut [DVec3], emphasis: Option<&[f64]>) {
-        for (support, joint) in self.supports.iter().zip(joints) {
-            if support.hooks.len() < FEWEST {
+    /// Fits each joint once per sweep, in order, keeping `left` up to date. `emphasis` weighs the points' squared errors.
+    pub fn sweep(&self, joints: &mut [Rigid], left: &mut [DVec3], emphasis: Option<&[f64]>, sweeps: usize) {
+        let own;
+        let spans: &[Span] = match emphasis {
+            None => &self.spans,
+            Some(emphasis) => {
+                own = self.supports.iter().map(|s| s.span(Some(emphasis))).collect::<Vec<_>>();
+                &own
+            }
+        };
+        for _ in 0..sweeps {
+            self.sweep_once(joints, left, emphasis, spans);
+        }
+    }
+
+    fn sweep_once(&self, joints: &mut [Rigid], left: &mut [DVec3], emphasis: Option<&[f64]>, spans: &[Span]) {
+        for ((support, span), joint) in self.supports.iter().zip(spans).zip(joints) {
+            let Span { mass, mean, scatter } = *span;
+            if support.hooks.len() < FEWEST || mass <= 0.0 {
                 continue;
             }
-            let mut mass = 0.0;
-            let (mut arm_sum, mut left_sum) = (DVec3::ZERO, DVec3::ZERO);
-            let (mut left_arm, mut arm_arm) = (DMat3::ZERO, DMat3::ZERO);
+            let mut left_sum = DVec3::ZERO;
+            let mut left_arm = DMat3::ZERO;
             for hook in &support.hooks {
                 let b = hook.weight * emphasis.map_or(1.0, |e| e[hook.point as usize]);
-                let a = b * hook.weight;
                 let r = left[hook.point as usize] * b;
-                let arm = hook.arm * a;
-                mass += a;
-                arm_sum += arm;
                 left_sum += r;
                 left_arm += outer(r, hook.arm);
-                arm_arm += outer(arm, hook.arm);
             }
-            if mass <= 0.0 {
-                continue;
-            }
-            let mean = arm_sum / mass;
-            let scatter = arm_arm - outer(mean, arm_sum);
             let spread = scatter.x_axis.x + scatter.y_axis.y + scatter.z_axis.z;
             let covariance = left_arm - outer(left_sum, mean) + joint.rotation * scatter + joint.rotation * (PRIOR * spread);
             let rotation = nearest_rotation(&covariance, &joint.rotation);
@@ -148,6 +181,7 @@ pub fn emphasis_weight(log: f64) -> f64 {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
@@ -171,11 +205,30 @@ mod tests {
         let blend = Blend::new(&points, &influences, 2);
         let mut joints = [Rigid::IDENTITY; 2];
         let mut left = blend.residuals(&joints, &targets);
-        for _ in 0..60 {
-            blend.sweep(&mut joints, &mut left, None);
-        }
+        blend.sweep(&mut joints, &mut left, None, 60);
         for (a, b) in left.iter().zip(blend.residuals(&joints, &targets)) {
             assert!(a.length() < 1e-4 && (*a - b).length() < 1e-12);
         }
+    }
+
+    #[test]
+    fn a_sweep_balances_what_is_left_by_its_emphasis() {
+        let points: Vec<DVec3> = (0..30).map(|i| DVec3::new(i as f64 / 30.0, (i as f64).sin(), (i as f64 * 1.7).cos())).collect();
+        let targets: Vec<DVec3> = points.iter().enumerate().map(|(i, p)| *p * 1.2 + DVec3::Y * (i as f64 * 0.37).sin()).collect();
+        let mut emphasis = Emphasis::new(points.len());
+        let errors: Vec<DVec3> = (0..30).map(|i| DVec3::X * f64::from(i % 5)).collect();
+        emphasis.follow(&errors, 1.0, 1.0);
+        let weights = emphasis.weights().unwrap();
+        assert!(weights[4] > 4.0 * weights[0]);
+        let blend = Blend::new(&points, &[Influences { joints: [0; 4], weights: [1.0, 0.0, 0.0, 0.0] }; 30], 1);
+        let mut joints = [Rigid::IDENTITY];
+        let mut left = blend.residuals(&joints, &targets);
+        blend.sweep(&mut joints, &mut left, Some(weights), 1);
+        let pull: DVec3 = left.iter().zip(weights).map(|(r, w)| *r * *w).sum();
+        assert!(pull.length() < 1e-9, "{pull}");
+        let (mut again, mut joints_again) = (blend.residuals(&[Rigid::IDENTITY], &targets), [Rigid::IDENTITY]);
+        blend.sweep(&mut joints_again, &mut again, Some(weights), 2);
+        blend.sweep(&mut joints, &mut left, Some(weights), 1);
+        assert_eq!((left, joints), (again, joints_again));
     }
 }

@@ -23,6 +23,8 @@ pub const MOST_JOINTS: usize = 160;
 const CYCLES: usize = 6;
 /// The same when points are added.
 const LATER_CYCLES: usize = 3;
+/// A frame that uses less of the tolerance needs no more rounds.
+const SETTLED: f64 = 0.5;
 
 /// A skin of the fit points.
 #[derive(Clone, Debug)]
@@ -72,6 +74,11 @@ impl FitError {
         (self.squares[..self.counted].iter().sum::<f64>() / (self.counted * self.per_frame.len()) as f64).sqrt()
     }
 
+    /// Number of frames with a point beyond the tolerance.
+    pub fn frames_over(&self, tolerance: Tolerance) -> usize {
+        self.per_frame.iter().filter(|e| **e > tolerance.worst).count()
+    }
+
     /// The worst frames, worst first.
     pub fn worst_frames(&self, most: usize) -> Vec<usize> {
         let mut order: Vec<usize> = (0..self.per_frame.len()).collect();
@@ -100,18 +107,19 @@ pub fn fit(motion: &Motion<'_>, points: FitPoints, goal: Tolerance) -> Result<Fi
     let sample = Sample::read(motion, &points, frames)?;
     let joints = split(&points, &sample, FIRST_JOINTS, goal.rms, motion.cancel)?;
     let emphasis = vec![Emphasis::new(points.len()); sample.len()];
-    State { points, sample, joints, emphasis, tracks: None }.improve(motion, goal, CYCLES)
+    State { points, sample, joints, emphasis, tracks: None }.improve(motion, goal, CYCLES, true)
 }
 
 /// Goes on from a fit with other points behind the proxy's, which have to meet the goal too.
 ///
-/// `influences`: of all points; `frames`: to learn from besides those of the fit.
+/// `influences`: of all points; `frames`: to learn from besides those of the fit; `grows`: whether joints may be added.
 pub fn extend(
     motion: &Motion<'_>,
     fit: &Fit,
     points: FitPoints,
     influences: &[Influences],
     frames: &[usize],
+    grows: bool,
     goal: Tolerance,
 ) -> Result<Fit> {
     let mut all = fit.sample.frames.clone();
@@ -120,7 +128,7 @@ pub fn extend(
     all.dedup();
     let blend = Blend::new(&points.rest, influences, fit.tracks.joints());
     let (sample, joints, emphasis) = begin(motion, &points, &fit.tracks, all, &blend, goal)?;
-    State { points, sample, joints, emphasis, tracks: Some(fit.tracks.clone()) }.improve(motion, goal, LATER_CYCLES)
+    State { points, sample, joints, emphasis, tracks: Some(fit.tracks.clone()) }.improve(motion, goal, LATER_CYCLES, grows)
 }
 
 /// What a cycle begins with.
@@ -134,7 +142,7 @@ struct State {
 }
 
 impl State {
-    fn improve(mut self, motion: &Motion<'_>, goal: Tolerance, cycles: usize) -> Result<Fit> {
+    fn improve(mut self, motion: &Motion<'_>, goal: Tolerance, cycles: usize, grows: bool) -> Result<Fit> {
         let mut best: Option<Fit> = None;
         for left in (0..cycles).rev() {
             let rounds = if self.tracks.is_none() { 9 } else { 4 };
@@ -148,13 +156,13 @@ impl State {
                 worse = now;
                 &worse
             };
-            if used <= 1.0 || left == 0 {
+            if goal.spares(used, now.error.frames_over(goal), motion.frames()) || left == 0 {
                 break;
             }
             let more_frames = worst_frames(&now.error, &self.sample, goal);
             let fits_sample = goal.used(on_sample.worst() / 0.9, on_sample.rms() / 0.95) <= 1.0;
-            let grown = if fits_sample { None } else { grow(motion, &self.points, &now.tracks, &now.error, goal)? };
-            if more_frames.is_empty() && grown.is_none() && fits_sample {
+            let grown = if fits_sample || !grows { None } else { grow(motion, &self.points, &now.tracks, &now.error, goal)? };
+            if more_frames.is_empty() && grown.is_none() && (fits_sample || !grows) {
                 break;
             }
             let mut frames = self.sample.frames.clone();
@@ -223,7 +231,7 @@ impl State {
                 .map(|(f, emphasis)| {
                     let mut now: Vec<Rigid> = (0..before.joints()).map(|k| before.get(k, f)).collect();
                     let mut left = blend.residuals(&now, &sample.pose(f));
-                    blend.sweep(&mut now, &mut left, emphasis.weights());
+                    blend.sweep(&mut now, &mut left, emphasis.weights(), 1);
                     emphasis.follow(&left, goal.rms, 0.4);
                     Settled::new(&now, &left)
                 })
@@ -327,8 +335,7 @@ fn settle(blend: &Blend, pose: &[DVec3], mut joints: Vec<Rigid>, goal: Tolerance
     let mut emphasis = Emphasis::new(pose.len());
     let mut best: Option<(f64, Settled)> = None;
     for _ in 0..5 {
-        blend.sweep(&mut joints, &mut left, emphasis.weights());
-        blend.sweep(&mut joints, &mut left, emphasis.weights());
+        blend.sweep(&mut joints, &mut left, emphasis.weights(), 2);
         let (sum, most) = left.iter().fold((0.0, 0f64), |(s, m), r| {
             let e = r.length_squared();
             (s + e, m.max(e))
@@ -336,6 +343,9 @@ fn settle(blend: &Blend, pose: &[DVec3], mut joints: Vec<Rigid>, goal: Tolerance
         let used = goal.used(most.sqrt(), (sum / left.len() as f64).sqrt());
         if best.as_ref().is_none_or(|(b, _)| used < *b) {
             best = Some((used, Settled::new(&joints, &left)));
+        }
+        if used < SETTLED {
+            break;
         }
         emphasis.follow(&left, goal.rms, 0.6);
     }

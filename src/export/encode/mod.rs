@@ -24,6 +24,7 @@ use crate::export::Cancel;
 use crate::linalg::SparseRow;
 use crate::surface::SurfaceMap;
 use glam::DVec3;
+use std::collections::BTreeSet;
 
 pub mod blend;
 pub mod fit;
@@ -50,6 +51,9 @@ const EXTENSIONS: usize = 2;
 /// Frames that a trial is measured on besides those that it was learned from.
 const CHECKED: usize = 16;
 
+/// Misses count as rare in at most one of so many frames.
+const RARE: usize = 100;
+
 /// How far the skin may be from the motion, in fractions of the diagonal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerance {
@@ -69,6 +73,12 @@ impl Tolerance {
     /// How much of the tolerance an error uses: at most 1 when it is met.
     pub fn used(&self, worst: f64, rms: f64) -> f64 {
         (worst / self.worst).max(rms / self.rms)
+    }
+
+    /// Whether an error that uses so much of the tolerance is not worth more joints: by less than twice, and only in few of the frames. There
+    /// the pose itself snaps, as where a fold turns over, and what a joint gains in one frame all others pay for.
+    pub fn spares(&self, used: f64, frames_over: usize, frames: usize) -> bool {
+        used <= 1.0 || used < 2.0 && frames_over * RARE <= frames
     }
 }
 
@@ -136,6 +146,8 @@ pub struct Encoded {
     pub rest: Vec<[f32; 3]>,
     /// Distances in the file's unit.
     pub summary: Summary,
+    /// Whether the error is within the tolerance, or [spared](Tolerance::spares).
+    pub met: bool,
     /// Joint weights of proxy vertices, for names: proxy vertex, weights.
     pub proxy_influences: Vec<(u32, Influences)>,
 }
@@ -150,7 +162,7 @@ impl<M: PointMap> Job<'_, M> {
         let points = FitPoints::new(self.proxy_rest, read);
         let trial = self.trial(&motion, fit::fit(&motion, points, self.goal())?, &[])?;
         let mut best = self.complete(&motion, self.search(&motion, trial)?)?;
-        if self.used(&best) > 1.0 {
+        if !self.is_enough(&best) {
             let frames = worst_frames(&best.errors);
             let fit = self.extended(&motion, &best, &frames)?;
             let other = self.complete(&motion, self.trial(&motion, fit, &frames)?)?;
@@ -161,7 +173,7 @@ impl<M: PointMap> Job<'_, M> {
         let summary = measure::summary(&best.errors, best.frames.len());
         let vertices = best.fit.points.vertices().iter().copied();
         let proxy_influences = vertices.zip(best.fit.influences.iter().copied()).collect();
-        Ok(Encoded { skin: best.skin, rest: self.rest_as_written(), summary, proxy_influences })
+        Ok(Encoded { met: self.is_enough(&best), skin: best.skin, rest: self.rest_as_written(), summary, proxy_influences })
     }
 
     /// What the proxy's points aim at: the scan's own vertices need the rest of the tolerance.
@@ -169,18 +181,22 @@ impl<M: PointMap> Job<'_, M> {
         Tolerance { worst: 0.8 * self.tolerance.worst, rms: 0.9 * self.tolerance.rms }
     }
 
-    /// Extends the fit by the scan's worst vertices while that helps.
+    /// Extends the fit by the scan's worst vertices while that helps. Where only few frames are bad they are learned from, with the same joints.
     fn search(&self, motion: &Motion<'_>, trial: Trial) -> Result<Trial> {
         let mut best = trial;
         for _ in 0..EXTENSIONS {
-            if self.used(&best) <= 1.0 {
+            let used = self.used(&best);
+            if used <= 1.0 {
                 break;
             }
             let other = self.trial(motion, self.extended(motion, &best, &[])?, &best.frames)?;
-            if self.used(&other) >= self.used(&best) {
+            if self.used(&other) >= used {
                 break;
             }
             best = other;
+            if self.is_enough(&best) {
+                break;
+            }
         }
         Ok(best)
     }
@@ -246,11 +262,18 @@ impl<M: PointMap> Job<'_, M> {
         let points = fit.points.with_rows(rows, worst.iter().map(|i| self.rest[vertex(i)]));
         let mut influences = fit.influences[..fit.points.vertices().len()].to_vec();
         influences.extend(worst.iter().map(|&i| trial.skin.influences(i)));
-        fit::extend(motion, fit, points, &influences, frames, self.goal())
+        fit::extend(motion, fit, points, &influences, frames, !self.is_enough(trial), self.goal())
     }
 
     fn rest_as_written(&self) -> Vec<[f32; 3]> {
         self.vertices.iter().map(|&v| self.space.leave(self.rest[v as usize]).as_vec3().to_array()).collect()
+    }
+
+    /// Within the tolerance, or beyond it in few frames.
+    fn is_enough(&self, trial: &Trial) -> bool {
+        let bound = self.tolerance.worst * self.space.scale;
+        let over: BTreeSet<usize> = trial.errors.iter().filter(|e| e.worst_square > bound * bound).map(|e| e.frame).collect();
+        self.tolerance.spares(self.used(trial), over.len(), self.spool.frames())
     }
 
     fn used(&self, trial: &Trial) -> f64 {
@@ -277,4 +300,18 @@ fn worst_frames(errors: &[VertexError]) -> Vec<usize> {
         }
     }
     frames
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_small_excess_in_few_frames_is_spared() {
+        let tolerance = Tolerance::default();
+        assert!(tolerance.spares(1.0, 500, 1000) && tolerance.spares(1.9, 10, 1000));
+        assert!(!tolerance.spares(1.9, 11, 1000), "too many frames");
+        assert!(!tolerance.spares(2.1, 1, 1000), "too far off");
+        assert!(!tolerance.spares(1.1, 1, 99), "one frame of a short take is not rare");
+    }
 }
