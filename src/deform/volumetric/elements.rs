@@ -1,15 +1,19 @@
 //! The tetrahedra as the energy sees them: hat gradients, weights, and one fused pass over positions and rotations.
 
+use super::Options;
 use crate::error::{Error, Result};
 use crate::linalg::lanes::{Lanes, for_each_instruction_set, transpose};
 use crate::linalg::rotation::{self, Matrices, Quaternions};
 use crate::proxy::Proxy;
 use glam::DVec3;
+use std::ops::Range;
 
 /// One tetrahedron at rest.
 #[derive(Clone, Debug)]
 pub(super) struct Element {
     pub(super) corners: [u32; 4],
+    /// The rigid group it belongs to.
+    pub(super) group: Option<u32>,
     /// Gradients of the four hat functions (Stoll et al. 2007, (2.2)–(2.3)).
     pub(super) gradients: [DVec3; 4],
     pub(super) volume: f64,
@@ -23,8 +27,31 @@ pub(super) struct Element {
 /// Below this ratio of six volumes to the cube of the longest edge the gradients are rounding; such a tetrahedron is left out.
 const FLAT: f64 = 1e-7;
 
+/// How many times as stiff the tetrahedra of a rigid group are: a shared rotation alone leaves half of their deformation.
+const RIGID: f64 = 100.0;
+
+/// Rigid group of each tetrahedron.
+fn groups(proxy: &Proxy, rigid: &[Vec<u32>]) -> Result<Vec<Option<u32>>> {
+    let mut groups = vec![None; proxy.tets.len()];
+    for (number, tets) in rigid.iter().enumerate() {
+        for &tet in tets {
+            let refuse = |what: String| Err(Error::refused(format!("rigid group {number}: {what}")));
+            let Some(group) = groups.get_mut(tet as usize) else {
+                return refuse(format!("tetrahedron {tet} of a proxy with {}", proxy.tets.len()));
+            };
+            match group.replace(number as u32) {
+                Some(other) if other != number as u32 => return refuse(format!("tetrahedron {tet} is in group {other} too")),
+                _ => {}
+            }
+        }
+    }
+    Ok(groups)
+}
+
 /// The tetrahedra of a proxy. `sliver_cap` limits `volume · |gradient|²`, in medians: a flat tetrahedron is a stiff one.
-pub(super) fn elements(proxy: &Proxy, stiffness: &[f64], sliver_cap: f64, bulk: f64) -> Result<Vec<Element>> {
+pub(super) fn elements(proxy: &Proxy, options: &Options) -> Result<Vec<Element>> {
+    let stiffness = &options.stiffness;
+    let groups = groups(proxy, &options.rigid)?;
     if !stiffness.is_empty() && stiffness.len() != proxy.tets.len() {
         return Err(Error::refused(format!("{} stiffness values for {} tetrahedra", stiffness.len(), proxy.tets.len())));
     }
@@ -45,12 +72,13 @@ pub(super) fn elements(proxy: &Proxy, stiffness: &[f64], sliver_cap: f64, bulk: 
         }
         let (ga, gb, gc) = (b.cross(c) / six_volumes, c.cross(a) / six_volumes, a.cross(b) / six_volumes);
         let volume = six_volumes.abs() / 6.0;
-        let stiffness = stiffness.get(j).copied().unwrap_or(1.0);
-        elements.push(Element { corners, gradients: [ga, gb, gc, -(ga + gb + gc)], volume, capped: volume, weight: stiffness });
+        let weight = stiffness.get(j).copied().unwrap_or(1.0) * groups[j].map_or(1.0, |_| RIGID);
+        let gradients = [ga, gb, gc, -(ga + gb + gc)];
+        elements.push(Element { corners, group: groups[j], gradients, volume, capped: volume, weight });
     }
-    cap_slivers(&mut elements, sliver_cap);
+    cap_slivers(&mut elements, options.sliver_cap);
     for element in &mut elements {
-        element.weight *= element.capped * (1.0 + bulk);
+        element.weight *= element.capped * (1.0 + options.effective_bulk());
     }
     Ok(elements)
 }
@@ -72,12 +100,19 @@ fn cap_slivers(elements: &mut [Element], cap: f64) {
 }
 
 /// Elements in the order of their vertices, dealt out so that the four of a block come from four quarters of that order: neighbours in a block would
-/// wait for each other when they add to the same vertex.
+/// wait for each other when they add to the same vertex. First those with a rotation of their own, then group by group; each part is filled up to
+/// whole blocks with tetrahedra without weight and volume.
 pub(super) fn arrange(mut elements: Vec<Element>) -> Vec<Element> {
-    elements.sort_by_key(|e| e.corners.iter().copied().min());
-    let blocks = elements.len() / 4;
-    let dealt = (0..blocks).flat_map(|b| (0..4).map(move |lane| lane * blocks + b));
-    dealt.chain(4 * blocks..elements.len()).map(|j| elements[j].clone()).collect()
+    elements.sort_by_key(|e| (e.group, e.corners.iter().copied().min()));
+    let mut arranged = Vec::with_capacity(elements.len() + 4);
+    for part in elements.chunk_by(|a, b| a.group == b.group) {
+        let blocks = part.len() / 4;
+        let dealt = (0..blocks).flat_map(|b| (0..4).map(move |lane| lane * blocks + b));
+        arranged.extend(dealt.chain(4 * blocks..part.len()).map(|j| part[j].clone()));
+        let filler = Element { volume: 0.0, capped: 0.0, weight: 0.0, ..part[0].clone() };
+        arranged.resize(arranged.len().next_multiple_of(4), filler);
+    }
+    arranged
 }
 
 /// Four tetrahedra side by side.
@@ -96,40 +131,72 @@ pub(super) struct Block {
 #[derive(Clone, Debug)]
 pub(super) struct Blocks {
     pub(super) list: Vec<Block>,
+    /// The first so many have a rotation per tetrahedron.
+    free: usize,
+    /// The others share one rotation per range.
+    groups: Vec<Range<usize>>,
+    /// Tetrahedra whose corners are all given: nothing to solve, but they have a volume.
+    held: Vec<Block>,
     pub(super) total_weight: f64,
     total_volume: f64,
+    /// The weight of the change of volume, and the part of it that counts now: all or nothing.
+    full_bulk: f64,
     bulk: f64,
 }
 
 impl Blocks {
-    /// `bulk`: weight of the change of volume against that of the deformation, which the weights of the elements include (see [`elements`]).
-    pub(super) fn new(elements: &[Element], bulk: f64) -> Self {
-        let list = elements
-            .chunks(4)
-            .map(|four| {
-                let of = |lane: usize| four.get(lane).unwrap_or(&four[0]);
-                let gather = |value: &dyn Fn(&Element) -> f64| Lanes(std::array::from_fn(|lane| value(of(lane))));
-                let filled =
-                    |value: &dyn Fn(&Element) -> f64| Lanes(std::array::from_fn(|lane| four.get(lane).map_or(0.0, value)));
-                Block {
-                    corners: std::array::from_fn(|corner| std::array::from_fn(|lane| of(lane).corners[corner])),
-                    gradients: std::array::from_fn(|k| gather(&|e| e.gradients[k / 3][k % 3])),
-                    weight: filled(&|e| e.weight),
-                    volume: filled(&|e| e.volume),
-                }
-            })
-            .collect();
+    /// From arranged elements. `bulk`: weight of the change of volume against that of the deformation, which the weights of the elements include
+    /// (see [`elements`]).
+    pub(super) fn new(elements: &[Element], held: &[Element], bulk: f64) -> Self {
+        let list: Vec<Block> = elements.chunks(4).map(Block::new).collect();
+        let free = elements.iter().filter(|e| e.group.is_none()).count() / 4;
+        let mut groups = Vec::new();
+        for part in elements[4 * free..].chunk_by(|a, b| a.group == b.group) {
+            let start = groups.last().map_or(free, |last: &Range<usize>| last.end);
+            groups.push(start..start + part.len() / 4);
+        }
         Self {
             list,
+            free,
+            groups,
+            held: held.chunks(4).map(Block::new).collect(),
             total_weight: elements.iter().map(|e| e.weight).sum(),
-            total_volume: elements.iter().map(|e| e.volume).sum(),
+            total_volume: elements.iter().chain(held).map(|e| e.volume).sum(),
+            full_bulk: bulk,
             bulk,
         }
     }
 
     /// `newton` steps of every rotation towards the deformation gradients of `p`, then energy and half its gradient by `p`, which is written to `g`.
     pub(super) fn pass(&self, p: &[Lanes], rotations: &mut [Quaternions], newton: u32, g: &mut [Lanes]) -> f64 {
-        pass(&self.list, p, rotations, newton, self.bulk, g)
+        self.pass_with(self.bulk, p, rotations, newton, g)
+    }
+
+    /// The same for the energy without the change of volume and `1 + bulk` times the weights: its matrix is exactly the factored one.
+    pub(super) fn pass_without_bulk(&self, p: &[Lanes], rotations: &mut [Quaternions], g: &mut [Lanes]) {
+        self.pass_with(0.0, p, rotations, 0, g);
+    }
+
+    fn pass_with(&self, bulk: f64, p: &[Lanes], rotations: &mut [Quaternions], newton: u32, g: &mut [Lanes]) -> f64 {
+        g.fill(Lanes::ZERO);
+        let mut energy = pass(&self.list[..self.free], p, &mut rotations[..self.free], newton, bulk, g);
+        for range in &self.groups {
+            let (blocks, rotations) = (&self.list[range.clone()], &mut rotations[range.clone()]);
+            if newton > 0 {
+                let (f, mut q) = (mean_deformation(blocks, p), rotations[0]);
+                for _ in 0..newton {
+                    rotation::newton_step(&f, &mut q);
+                }
+                rotations.fill(q);
+            }
+            energy += pass(blocks, p, rotations, 0, bulk, g);
+        }
+        energy
+    }
+
+    /// The ranges of blocks that share a rotation.
+    pub(super) fn groups(&self) -> &[Range<usize>] {
+        &self.groups
     }
 
     /// Weight of the change of volume.
@@ -137,10 +204,20 @@ impl Blocks {
         self.bulk
     }
 
+    /// Leaves the change of volume out, as [`Self::pass_without_bulk`], until called again.
+    pub(super) fn leave_bulk_out(&mut self, out: bool) {
+        self.bulk = if out { 0.0 } else { self.full_bulk };
+    }
+
     /// The rotations nearest to the deformation gradients of `p`, to rounding.
     pub(super) fn extract(&self, p: &[Lanes], rotations: &mut [Quaternions]) {
-        for (block, q) in self.list.iter().zip(rotations) {
+        for (block, q) in self.list[..self.free].iter().zip(rotations.iter_mut()) {
             rotation::extract(&deformation(block, p), q);
+        }
+        for range in &self.groups {
+            let mut q = rotations[range.start];
+            rotation::extract(&mean_deformation(&self.list[range.clone()], p), &mut q);
+            rotations[range.clone()].fill(q);
         }
     }
 
@@ -161,9 +238,36 @@ impl Blocks {
 
     /// Tetrahedra turned inside out, and the volume against rest.
     pub(super) fn measure(&self, p: &[Lanes]) -> (u32, f64) {
-        let (inverted, volume) = measure(&self.list, p);
-        (inverted, volume / self.total_volume)
+        let ((inverted, volume), (others, held)) = (measure(&self.list, p), measure(&self.held, p));
+        (inverted + others, (volume + held) / self.total_volume)
     }
+}
+
+impl Block {
+    /// One to four elements.
+    fn new(four: &[Element]) -> Self {
+        let of = |lane: usize| four.get(lane).unwrap_or(&four[0]);
+        let gather = |value: &dyn Fn(&Element) -> f64| Lanes(std::array::from_fn(|lane| value(of(lane))));
+        let filled = |value: &dyn Fn(&Element) -> f64| Lanes(std::array::from_fn(|lane| four.get(lane).map_or(0.0, value)));
+        Self {
+            corners: std::array::from_fn(|corner| std::array::from_fn(|lane| of(lane).corners[corner])),
+            gradients: std::array::from_fn(|k| gather(&|e| e.gradients[k / 3][k % 3])),
+            weight: filled(&|e| e.weight),
+            volume: filled(&|e| e.volume),
+        }
+    }
+}
+
+/// `Σ w F / Σ w` in every lane: the rotation nearest to it is the best one that all can share.
+fn mean_deformation(blocks: &[Block], p: &[Lanes]) -> Matrices {
+    let (mut sum, mut total) = ([Lanes::ZERO; 9], 0.0);
+    for block in blocks {
+        for (sum, f) in sum.iter_mut().zip(deformation(block, p)) {
+            *sum += f * block.weight;
+        }
+        total += block.weight.sum();
+    }
+    sum.map(|lanes| Lanes::splat(lanes.sum() / total))
 }
 
 /// Deformation gradients by rows (Stoll et al. 2007, (2.6), transposed: `x' = F x`).
@@ -219,7 +323,6 @@ fn add_to_corners(places: &[[u32; 4]; 4], values: &[[Lanes; 3]; 4], sums: &mut [
 
 for_each_instruction_set! {
     fn pass(blocks: &[Block], p: &[Lanes], rotations: &mut [Quaternions], newton: u32, bulk: f64, g: &mut [Lanes]) -> f64 {
-        g.fill(Lanes::ZERO);
         let relief = 1.0 / (1.0 + bulk);
         let mut energy = Lanes::ZERO;
         for (block, rotation) in blocks.iter().zip(rotations) {
