@@ -24,6 +24,12 @@ pub(super) struct Element {
     pub(super) weight: f64,
 }
 
+/// Below this part of its volume a tetrahedron resists with so many times the bulk more. It calms deep creases, where whole rows of tetrahedra turn
+/// inside out and snap back: in a squat a sixth of the frames with more than ten of them inside out, half the farthest jump between frames, for the same
+/// passes. Four times as much takes three times the passes.
+const FOLDED: f64 = 0.2;
+const FOLDED_BULK: f64 = 2.5;
+
 /// Below this ratio of six volumes to the cube of the longest edge the gradients are rounding; such a tetrahedron is left out.
 const FLAT: f64 = 1e-7;
 
@@ -336,9 +342,14 @@ for_each_instruction_set! {
             let weight = block.weight * relief;
             let cofactors = cofactors(&f);
             let growth = f[0] * cofactors[0] + f[1] * cofactors[1] + f[2] * cofactors[2] - Lanes::splat(1.0);
-            let pressure = growth * bulk;
+            let mut pressure = growth * bulk;
+            // Zero where the tetrahedron keeps enough of its volume.
+            let lack = growth + Lanes::splat(1.0 - FOLDED);
+            let lack = Lanes::select(std::array::from_fn(|lane| lack.0[lane] < 0.0), lack, Lanes::ZERO);
+            let resistance = lack * (bulk * FOLDED_BULK);
             let mut pull = [Lanes::ZERO; 9];
-            let mut square = growth * pressure;
+            let mut square = growth * pressure + lack * resistance;
+            pressure += resistance;
             for k in 0..9 {
                 let d = f[k] - r[k];
                 square += d * d;

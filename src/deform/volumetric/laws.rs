@@ -557,3 +557,29 @@ fn an_inverted_tetrahedron_is_counted() {
     let stats = deformer.step(&targets).unwrap();
     assert!(stats.inverted > 0 && stats.volume_ratio < 0.9, "{stats:?}");
 }
+
+#[test]
+fn the_gradient_is_the_slope_of_the_energy_also_where_tetrahedra_are_folded() {
+    let proxy = block([3, 2, 2], 0.1);
+    let deformer = Volumetric::new(&proxy, &handles(&proxy, 1.0), &Options::default()).unwrap();
+    let wave = |v: usize, phase: f64| {
+        let t = v as f64 * 2.4 + phase;
+        Lanes::point(DVec3::new(t.sin(), (1.7 * t).cos(), (2.3 * t).sin()))
+    };
+    let moved = |size: f64| -> Vec<Lanes> { deformer.rest.iter().enumerate().map(|(v, p)| *p + wave(v, 0.0) * size).collect() };
+    for size in [0.0, 0.05, 0.2] {
+        let p = moved(size);
+        let mut rotations = deformer.rotations.clone();
+        let mut gradient = vec![Lanes::ZERO; p.len()];
+        let inverted = deformer.blocks.measure(&p).0;
+        assert!((size > 0.1) == (inverted > 10), "{inverted} inside out");
+        deformer.blocks.pass(&p, &mut rotations, 2, &mut gradient);
+        let mut along = |step: f64| {
+            let p: Vec<Lanes> = p.iter().enumerate().map(|(v, p)| *p + wave(v, 1.0) * step).collect();
+            deformer.blocks.pass(&p, &mut rotations, 0, &mut vec![Lanes::ZERO; p.len()])
+        };
+        let slope = (along(1e-6) - along(-1e-6)) / 2e-6;
+        let expected: f64 = gradient.iter().enumerate().map(|(v, g)| 2.0 * (*g * wave(v, 1.0)).sum()).sum();
+        assert!((slope - expected).abs() < 1e-7 * (1.0 + expected.abs()), "{size}: {slope} {expected}");
+    }
+}
