@@ -16,6 +16,7 @@ mod raw;
 mod reference;
 mod segments;
 mod similarity;
+mod skin;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests;

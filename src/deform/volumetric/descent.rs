@@ -15,13 +15,14 @@ const RISE: f64 = 1e-13;
 
 /// Given vertices farther than this from where they were expected, in diagonals, would tear their neighbours: the others follow them first.
 const LEAP: f64 = 0.02;
+/// A rise by less than this part is the doing of rotations that are not exact yet.
+const HARMLESS: f64 = 1e-6;
 
 /// The plain step is halved no further than to this part.
 const LEAST_STEP: f64 = 0.02;
 
-/// Far from rest the matrix does not bound the curvature of the change of volume. Where even the shortest step raises the energy by more than this part
-/// of it, that term is left out until a step is shorter than the second constant, in diagonals.
-const STUCK: f64 = 1e-6;
+/// Far from rest the matrix does not bound the curvature of the change of volume. Where even the shortest step raises the energy, that term is left out
+/// until a step is shorter than this, in diagonals.
 const EASED: f64 = 1e-3;
 
 pub(super) struct Settings {
@@ -193,8 +194,9 @@ impl Volumetric {
                         next = self.evaluate(Place::Trial, newton);
                         passes += 1;
                     }
-                    if next.is_nan() || next > limit * (1.0 + STUCK) {
+                    if next.is_nan() || next > energy * (1.0 + HARMLESS) + rounding {
                         if eased || passes >= cap {
+                            // No way down from here: the pose stays.
                             return FrameStats { passes, step, converged: false, energy, ..Default::default() };
                         }
                         eased = true;

@@ -22,13 +22,21 @@ pub(super) struct Element {
     /// `capped` times the stiffness times `1 + bulk`: the weight in the matrix. The energy has it over `1 + bulk`, so that the matrix bounds the
     /// curvature of the change of volume too.
     pub(super) weight: f64,
+    /// Weight of the change of volume, relative to that of a tetrahedron that is no sliver.
+    pub(super) bulk: f64,
 }
 
-/// Below this part of its volume a tetrahedron resists with so many times the bulk more. It calms deep creases, where whole rows of tetrahedra turn
-/// inside out and snap back: in a squat a sixth of the frames with more than ten of them inside out, half the farthest jump between frames, for the same
-/// passes. Four times as much takes three times the passes.
-const FOLDED: f64 = 0.2;
-const FOLDED_BULK: f64 = 2.5;
+/// Below this part of its volume a tetrahedron resists with so many times the bulk more, slivers too. It calms deep creases, where whole rows of
+/// tetrahedra turn inside out and snap back: in a squat a fifth of the frames with more than ten of them inside out and two thirds of the farthest jump
+/// from frame to frame, for the same passes. Twice as much takes twice the passes.
+const FOLDED: f64 = 0.25;
+const FOLDED_BULK: f64 = 4.0;
+/// The change of volume `g` counts as `g² / (1 + g² · SATURATION)`.
+const SATURATION: f64 = 0.25;
+
+/// Slivers stiffer than this many medians count less in the change of volume: a small move turns and stretches them without end, so that its
+/// curvature has no bound there, while their volume is next to nothing.
+const SLENDER: f64 = 3.0;
 
 /// Below this ratio of six volumes to the cube of the longest edge the gradients are rounding; such a tetrahedron is left out.
 const FLAT: f64 = 1e-7;
@@ -80,7 +88,7 @@ pub(super) fn elements(proxy: &Proxy, options: &Options) -> Result<Vec<Element>>
         let volume = six_volumes.abs() / 6.0;
         let weight = stiffness.get(j).copied().unwrap_or(1.0) * groups[j].map_or(1.0, |_| RIGID);
         let gradients = [ga, gb, gc, -(ga + gb + gc)];
-        elements.push(Element { corners, group: groups[j], gradients, volume, capped: volume, weight });
+        elements.push(Element { corners, group: groups[j], gradients, volume, capped: volume, weight, bulk: 1.0 });
     }
     cap_slivers(&mut elements, options.sliver_cap);
     for element in &mut elements {
@@ -98,7 +106,9 @@ fn cap_slivers(elements: &mut [Element], cap: f64) {
     let middle = entries.len() / 2;
     let median = *entries.select_nth_unstable_by(middle, f64::total_cmp).1;
     for element in elements {
-        let excess = entry(element) / (cap * median);
+        let medians = entry(element) / median;
+        element.bulk *= (SLENDER / medians).min(1.0);
+        let excess = medians / cap;
         if excess > 1.0 {
             element.capped = element.volume / excess;
         }
@@ -131,6 +141,8 @@ pub(super) struct Block {
     /// Zero in lanes that only fill up the last block.
     weight: Lanes,
     volume: Lanes,
+    /// Relative to the bulk of the others.
+    bulk: Lanes,
 }
 
 /// The tetrahedra in blocks of four, in a fixed order.
@@ -185,7 +197,8 @@ impl Blocks {
 
     fn pass_with(&self, bulk: f64, p: &[Lanes], rotations: &mut [Quaternions], newton: u32, g: &mut [Lanes]) -> f64 {
         g.fill(Lanes::ZERO);
-        let mut energy = pass(&self.list[..self.free], p, &mut rotations[..self.free], newton, bulk, g);
+        let scales = if bulk > 0.0 { (1.0 / (1.0 + bulk), bulk) } else { (1.0, 0.0) };
+        let mut energy = pass(&self.list[..self.free], p, &mut rotations[..self.free], newton, scales, g);
         for range in &self.groups {
             let (blocks, rotations) = (&self.list[range.clone()], &mut rotations[range.clone()]);
             if newton > 0 {
@@ -195,7 +208,7 @@ impl Blocks {
                 }
                 rotations.fill(q);
             }
-            energy += pass(blocks, p, rotations, 0, bulk, g);
+            energy += pass(blocks, p, rotations, 0, scales, g);
         }
         energy
     }
@@ -260,6 +273,7 @@ impl Block {
             gradients: std::array::from_fn(|k| gather(&|e| e.gradients[k / 3][k % 3])),
             weight: filled(&|e| e.weight),
             volume: filled(&|e| e.volume),
+            bulk: filled(&|e| e.bulk),
         }
     }
 }
@@ -328,8 +342,15 @@ fn add_to_corners(places: &[[u32; 4]; 4], values: &[[Lanes; 3]; 4], sums: &mut [
 }
 
 for_each_instruction_set! {
-    fn pass(blocks: &[Block], p: &[Lanes], rotations: &mut [Quaternions], newton: u32, bulk: f64, g: &mut [Lanes]) -> f64 {
-        let relief = 1.0 / (1.0 + bulk);
+    /// `scales`: from the weights in the matrix to those in the energy, and of the change of volume.
+    fn pass(
+        blocks: &[Block],
+        p: &[Lanes],
+        rotations: &mut [Quaternions],
+        newton: u32,
+        scales: (f64, f64),
+        g: &mut [Lanes],
+    ) -> f64 {
         let mut energy = Lanes::ZERO;
         for (block, rotation) in blocks.iter().zip(rotations) {
             let f = deformation(block, p);
@@ -339,17 +360,22 @@ for_each_instruction_set! {
             }
             *rotation = q;
             let r = rotation::matrices(&q);
-            let weight = block.weight * relief;
+            let weight = block.weight * scales.0;
             let cofactors = cofactors(&f);
             let growth = f[0] * cofactors[0] + f[1] * cofactors[1] + f[2] * cofactors[2] - Lanes::splat(1.0);
-            let mut pressure = growth * bulk;
+            // Beyond a doubling the term saturates, so that it never outgrows the others.
+            let bounded = |g: Lanes| Lanes::splat(1.0) / (Lanes::splat(1.0) + g * g * SATURATION);
+            let bulk = block.bulk * scales.1;
+            let bound = bounded(growth);
+            let press = growth * bound * bulk;
             // Zero where the tetrahedron keeps enough of its volume.
             let lack = growth + Lanes::splat(1.0 - FOLDED);
             let lack = Lanes::select(std::array::from_fn(|lane| lack.0[lane] < 0.0), lack, Lanes::ZERO);
-            let resistance = lack * (bulk * FOLDED_BULK);
+            let resist_bound = bounded(lack);
+            let resist = lack * resist_bound * (scales.1 * FOLDED_BULK);
+            let pressure = press * bound + resist * resist_bound;
             let mut pull = [Lanes::ZERO; 9];
-            let mut square = growth * pressure + lack * resistance;
-            pressure += resistance;
+            let mut square = growth * press + lack * resist;
             for k in 0..9 {
                 let d = f[k] - r[k];
                 square += d * d;

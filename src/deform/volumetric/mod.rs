@@ -3,10 +3,11 @@
 //! It minimises, over positions p and one rotation per tetrahedron,
 //!
 //! ```text
-//! E(p, R) = Σ_j w_j ( |F_j(p) − R_j|² + κ (det F_j(p) − 1)² + 2.5 κ min(0, det F_j(p) − 0.2)² )  +  Σ_h a_h |b_h p − c_h|²,     w_j = stiffness_j · volume_j
+//! E(p, R) = Σ_j w_j ( |F_j(p) − R_j|² + κ (det F_j(p) − 1)² + 4 κ min(0, det F_j(p) − ¼)² )  +  Σ_h a_h |b_h p − c_h|²,     w_j = stiffness_j · volume_j
 //! ```
 //!
 //! The terms with κ ([`Options::bulk`]) keep the volume, and more so in folds; the source has none, and with κ = 0 the energy is the source's.
+//! Both saturate: a square g² counts as g² / (1 + g²/4); in slivers the first counts less.
 //!
 //! Source: Stoll, de Aguiar, Theobalt, Seidel: *A volumetric approach to interactive shape editing*, MPI-I-2007-4-004. Their alternation of a linear
 //! solve and a rotation update is [`Options::iterations`]; two or three of them lag visibly behind the handles, so the default runs to the minimum: it
