@@ -33,9 +33,8 @@ pub(super) struct Oriented {
 
 struct Held {
     name: String,
-    rest: DVec3,
     carried: Carried,
-    /// From `rest` to each carried point.
+    /// From its point to each carried one, at rest.
     offsets: Vec<DVec3>,
 }
 
@@ -110,7 +109,7 @@ impl Oriented {
             }
             result.placements.push(Placement { position: handle.rest, orientation: DQuat::IDENTITY, presence: 1.0 });
             let offsets = rest.iter().map(|p| *p - handle.rest).collect();
-            result.handles.push(Held { name: handle.name.clone(), rest: handle.rest, carried, offsets });
+            result.handles.push(Held { name: handle.name.clone(), carried, offsets });
         }
         result.points = points.len();
         Ok((result, points))
