@@ -1,8 +1,8 @@
 //! Binding × frame → pose of the proxy. The trait speaks of handles, targets and poses; each deformer has a folder.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::linalg::SparseRow;
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 pub mod volumetric;
 
@@ -15,6 +15,53 @@ pub struct Handle {
     pub row: SparseRow,
     /// Hardness relative to the body (`volumetric`: `a_h = beta · max L_vv` over the row's vertices). 1 is the default, 0.1 doubtful.
     pub beta: f64,
+}
+
+/// A place of the body that targets move and turn.
+#[derive(Clone, Debug)]
+pub struct OrientedHandle {
+    /// Name, for messages.
+    pub name: String,
+    /// The point that targets move, at rest: inside, on or outside the body.
+    pub rest: DVec3,
+    /// How it holds the body.
+    pub grip: Grip,
+}
+
+/// How an oriented handle holds the body.
+#[derive(Clone, Debug)]
+pub enum Grip {
+    /// By virtual points that pull: rows of an origin and of the ends of three axes, not in one plane.
+    Frame {
+        /// Rows over proxy vertices; applied to the rest pose they give the four points.
+        rows: [SparseRow; 4],
+        /// As [`Handle::beta`].
+        beta: f64,
+    },
+    /// By vertices of the proxy that are pulled.
+    Region {
+        /// Vertices of the proxy, each once.
+        vertices: Vec<u32>,
+        /// As [`Handle::beta`].
+        beta: f64,
+    },
+    /// By vertices of the proxy that are where the handle puts them, to rounding. With one vertex the orientation means nothing. Released
+    /// (presence 0), they stay where they are.
+    Exact {
+        /// Vertices of the proxy, each once, and in no other exact grip.
+        vertices: Vec<u32>,
+    },
+}
+
+/// Where an oriented handle shall be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placement {
+    /// Of the point that is [`OrientedHandle::rest`] at rest, in the unit box of the scan.
+    pub position: DVec3,
+    /// Turn from rest.
+    pub orientation: DQuat,
+    /// As [`Targets::presence`].
+    pub presence: f64,
 }
 
 /// Where the handles shall be in one frame; one entry per handle.
@@ -52,6 +99,17 @@ pub trait Deformer: Send {
 
     /// Next frame, warm from the one before.
     fn step(&mut self, targets: &Targets) -> Result<FrameStats>;
+
+    /// Where the oriented handles shall be from the next frame on; one entry per oriented handle.
+    ///
+    /// # Errors
+    /// [`crate::error::Kind::Refused`] when the deformer has no such handles or a placement is not finite.
+    fn place(&mut self, placements: &[Placement]) -> Result<()> {
+        if placements.is_empty() {
+            return Ok(());
+        }
+        Err(Error::refused(format!("{} placements", placements.len())).expected("none: this deformer has no oriented handles"))
+    }
 
     /// Points of the proxy after the last frame, in the unit box.
     fn pose(&self) -> &[DVec3];

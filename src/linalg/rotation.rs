@@ -88,12 +88,17 @@ pub(crate) fn extract(f: &Matrices, q: &mut Quaternions) {
         }
     }
     for lane in (0..4).filter(|&lane| still(&turned, lane)) {
-        let warm = glam::DQuat::from_xyzw(q[1].0[lane], q[2].0[lane], q[3].0[lane], q[0].0[lane]);
+        let warm = self::lane(q, lane);
         let warm = if warm.is_finite() { DMat3::from_quat(warm) } else { DMat3::IDENTITY };
         let column = |j: usize| DVec3::new(f[j].0[lane], f[3 + j].0[lane], f[6 + j].0[lane]);
         let nearest = nearest_rotation(DMat3::from_cols(column(0), column(1), column(2)), warm);
         set_lane(q, lane, glam::DQuat::from_mat3(&nearest).normalize());
     }
+}
+
+/// The quaternion in a lane.
+pub(crate) fn lane(q: &Quaternions, lane: usize) -> glam::DQuat {
+    glam::DQuat::from_xyzw(q[1].0[lane], q[2].0[lane], q[3].0[lane], q[0].0[lane])
 }
 
 /// Puts a quaternion into a lane.

@@ -29,6 +29,8 @@ pub(super) struct Coarse {
     starts: Vec<u32>,
     slot_clusters: Vec<u32>,
     loads: Vec<Lanes>,
+    /// Slots of vertices that are given and cannot be pulled.
+    given: Vec<u32>,
     /// Sum of the weights of each cluster.
     weights: Vec<f64>,
     /// `m_cd` at rest with every handle at its full weight, `c ≥ d`, at `c · count + d`.
@@ -47,11 +49,24 @@ pub(super) struct Coarse {
 }
 
 impl Coarse {
-    pub(super) fn new(elements: &[Element], rest: &[DVec3], blocks: &Blocks, handles: &SoftHandles, factor: &Cholesky) -> Self {
-        let wanted = (elements.len() / TETS_PER_CLUSTER).clamp(CLUSTERS.0, CLUSTERS.1).min(elements.len());
+    /// `given`: vertices whose place is not solved for.
+    pub(super) fn new(
+        elements: &[Element],
+        rest: &[DVec3],
+        given: &[u32],
+        blocks: &Blocks,
+        handles: &SoftHandles,
+        factor: &Cholesky,
+    ) -> Self {
+        let free: Vec<&Element> = elements.iter().take_while(|e| e.group.is_none()).collect();
+        let wanted = (free.len() / TETS_PER_CLUSTER).clamp(CLUSTERS.0, CLUSTERS.1).min(free.len());
         let centroids: Vec<DVec3> =
-            elements.iter().map(|e| e.corners.iter().map(|&v| rest[v as usize]).sum::<DVec3>() * 0.25).collect();
-        let (cluster, count) = cluster(&centroids, wanted);
+            free.iter().map(|e| e.corners.iter().map(|&v| rest[v as usize]).sum::<DVec3>() * 0.25).collect();
+        let (mut cluster, mut count) = cluster(&centroids, wanted);
+        for part in elements[free.len()..].chunk_by(|a, b| a.group == b.group) {
+            cluster.resize(cluster.len() + part.len(), count as u32);
+            count += 1;
+        }
         let mut weights = vec![0.0; count];
         let mut pairs: Vec<(u32, u32)> = Vec::new();
         for (element, &c) in elements.iter().zip(&cluster) {
@@ -81,6 +96,7 @@ impl Coarse {
             slots: slots.collect(),
             slot_clusters: pairs.iter().map(|&(_, c)| c).collect(),
             loads: vec![Lanes::ZERO; pairs.len()],
+            given: given.iter().flat_map(|&v| starts[v as usize]..starts[v as usize + 1]).collect(),
             rest_couplings: vec![DMat3::ZERO; count * count],
             couplings: Vec::new(),
             handle_responses: vec![DVec3::ZERO; count * handles.len()],
@@ -103,6 +119,7 @@ impl Coarse {
     fn couple(&mut self, blocks: &Blocks, handles: &SoftHandles, factor: &Cholesky) {
         let still = vec![rotation::IDENTITY; blocks.list.len()];
         blocks.turning_loads(&still, &self.slots, &mut self.loads, |_, _| {});
+        self.drop_given();
         let mut response = vec![Lanes::ZERO; factor.size()];
         for d in 0..self.count {
             response.fill(Lanes::ZERO);
@@ -126,6 +143,12 @@ impl Coarse {
             }
         }
         self.couplings = self.rest_couplings.clone();
+    }
+
+    fn drop_given(&mut self) {
+        for &slot in &self.given {
+            self.loads[slot as usize] = Lanes::ZERO;
+        }
     }
 
     fn slots_of(&self, v: usize) -> std::ops::Range<usize> {
@@ -173,6 +196,7 @@ impl Coarse {
                 sums[c as usize] += DMat3::from_cols_array(&[m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]]);
             }
         });
+        self.drop_given();
         for (turn, sum) in self.turns.iter_mut().zip(&self.sums) {
             *turn = nearest_rotation(*sum, DMat3::IDENTITY);
         }

@@ -13,17 +13,25 @@ const REBUILD: (u32, u32) = (8, 6);
 /// A step is taken back when the energy rises by more than this part of it.
 const RISE: f64 = 1e-13;
 
+/// Given vertices farther than this from where they were expected, in diagonals, would tear their neighbours: the others follow them first.
+const LEAP: f64 = 0.02;
 /// A rise by less than this part is the doing of rotations that are not exact yet.
 const HARMLESS: f64 = 1e-6;
 
 /// The plain step is halved no further than to this part.
 const LEAST_STEP: f64 = 0.02;
 
+/// Far from rest the matrix does not bound the curvature of the change of volume. Where even the shortest step raises the energy, that term is left out
+/// until a step is shorter than this, in diagonals.
+const EASED: f64 = 1e-3;
+
 pub(super) struct Settings {
     pub(super) tolerance: f64,
     /// Diagonal of the rest box.
     pub(super) diagonal: f64,
     pub(super) iterations: Option<u32>,
+    /// Angle, see [`super::Options::interpolate_above`].
+    pub(super) interpolate_above: f64,
 }
 
 /// What a frame needs besides the state that it leaves behind; reserved once.
@@ -35,8 +43,8 @@ pub(super) struct Memory {
     image: Vec<Lanes>,
     trial: Vec<Lanes>,
     load: Vec<Lanes>,
-    pulls: Vec<[f64; 3]>,
-    pull_axis: Vec<f64>,
+    pub(super) pulls: Vec<[f64; 3]>,
+    pub(super) pull_axis: Vec<f64>,
     anderson: Anderson,
     pub(super) energies: Vec<f64>,
 }
@@ -64,10 +72,12 @@ impl Volumetric {
     /// Solves for the targets that the handles have; leaves the pose in `p` and the one before in `before`.
     pub(super) fn frame(&mut self) -> FrameStats {
         self.memory.energies.clear();
+        let turned = self.turn_with_handles();
         let mut stats = match self.settings.iterations {
             Some(count) => self.alternate(count),
-            None => self.descend(),
+            None => self.descend(turned),
         };
+        self.blocks.leave_bulk_out(false);
         (stats.inverted, stats.volume_ratio) = self.blocks.measure(&self.p);
         stats
     }
@@ -75,6 +85,7 @@ impl Volumetric {
     /// The paper's way: linear solve and exact rotations in turn.
     fn alternate(&mut self, count: u32) -> FrameStats {
         self.before.copy_from_slice(&self.p);
+        self.oriented.put_given(&mut self.p);
         let mut energy = self.evaluate(Place::Current, 0);
         let mut step = 0.0;
         for _ in 0..count {
@@ -90,7 +101,28 @@ impl Volumetric {
         FrameStats { passes: count + 1, step: step / self.settings.diagonal, converged: true, energy, ..Default::default() }
     }
 
-    fn descend(&mut self) -> FrameStats {
+    /// Turns the rotations with the oriented handles when one of them turns far (Stoll et al. 2007, §2.3.2).
+    fn turn_with_handles(&mut self) -> bool {
+        self.oriented.turn_with_handles(
+            &self.blocks,
+            &self.handles,
+            &self.p,
+            &mut self.rotations,
+            self.settings.interpolate_above,
+        )
+    }
+
+    /// The positions that suit the rotations best.
+    fn follow_rotations(&mut self) {
+        let m = &mut self.memory;
+        self.blocks.pass_without_bulk(&self.p, &mut self.rotations, &mut m.plain);
+        self.handles.pull(&self.p, &mut m.plain);
+        self.oriented.clear_given(&mut m.plain);
+        self.handles.solve(&self.factor, &mut m.plain, &mut m.pulls, &mut m.pull_axis);
+        add_scaled(&mut self.p, -1.0, &m.plain);
+    }
+
+    fn descend(&mut self, turned: bool) -> FrameStats {
         let cold = self.frames < 2;
         let (cap, rebuild) = if cold { (MOST_PASSES.1, REBUILD.1) } else { (MOST_PASSES.0, REBUILD.0) };
         for (p, before) in self.p.iter_mut().zip(&mut self.before) {
@@ -100,9 +132,14 @@ impl Volumetric {
             }
             *before = now;
         }
+        let leap = self.oriented.put_given(&mut self.p);
+        if turned || leap > LEAP * self.settings.diagonal {
+            self.follow_rotations();
+        }
         // Rotations of an undeformed body still differ from the identity by rounding.
         let rounding = 1e-28 * self.blocks.total_weight;
         let mut newton = 1;
+        let mut eased = false;
         let mut energy = self.evaluate(Place::Current, 2);
         self.memory.energies.push(energy);
         self.memory.anderson.forget();
@@ -149,26 +186,51 @@ impl Volumetric {
                 if next.is_nan() || next > limit {
                     newton = 3;
                 }
-                let mut back = 0.5;
-                while !(next <= limit) && back > LEAST_STEP && self.blocks.bulk() > 0.0 {
-                    add_scaled(&mut self.memory.trial, back, &self.memory.plain);
-                    back *= 0.5;
-                    next = self.evaluate(Place::Trial, newton);
-                    passes += 1;
-                }
-                if self.blocks.bulk() > 0.0 && !(next <= energy * (1.0 + HARMLESS) + rounding) {
-                    // No way down from here: the pose stays.
-                    return FrameStats { passes, step, converged: false, energy, ..Default::default() };
+                if self.blocks.bulk() > 0.0 {
+                    let mut back = 0.5;
+                    while (next.is_nan() || next > limit) && back > LEAST_STEP {
+                        add_scaled(&mut self.memory.trial, back, &self.memory.plain);
+                        back *= 0.5;
+                        next = self.evaluate(Place::Trial, newton);
+                        passes += 1;
+                    }
+                    if next.is_nan() || next > energy * (1.0 + HARMLESS) + rounding {
+                        if eased || passes >= cap {
+                            // No way down from here: the pose stays.
+                            return FrameStats { passes, step, converged: false, energy, ..Default::default() };
+                        }
+                        eased = true;
+                        self.blocks.leave_bulk_out(true);
+                        energy = self.restart();
+                        passes += 1;
+                        continue;
+                    }
                 }
             }
             std::mem::swap(&mut self.p, &mut self.memory.trial);
             energy = next;
             self.memory.energies.push(energy);
+            if eased && self.blocks.bulk() == 0.0 && step < EASED {
+                self.blocks.leave_bulk_out(false);
+                energy = self.restart();
+                passes += 1;
+                continue;
+            }
             let converged = step < self.settings.tolerance;
             if converged || passes >= cap || !step.is_finite() {
                 return FrameStats { passes, step, converged, energy, ..Default::default() };
             }
         }
+    }
+
+    /// Begins again from the present pose: its energy.
+    fn restart(&mut self) -> f64 {
+        let energy = self.evaluate(Place::Current, 3);
+        self.memory.energies.clear();
+        self.memory.energies.push(energy);
+        self.memory.anderson.forget();
+        self.coarse.build(&self.blocks, &self.rotations);
+        energy
     }
 
     /// Energy at the current or the trial pose; half its gradient goes to `memory.gradient`.
@@ -179,7 +241,9 @@ impl Volumetric {
             Place::Trial => &m.trial,
         };
         let body = self.blocks.pass(p, &mut self.rotations, newton, &mut m.gradient);
-        body + self.handles.pull(p, &mut m.gradient)
+        let energy = body + self.handles.pull(p, &mut m.gradient);
+        self.oriented.clear_given(&mut m.gradient);
+        energy
     }
 
     /// From the gradient to the plain and the full step.

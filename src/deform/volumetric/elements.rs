@@ -1,15 +1,19 @@
 //! The tetrahedra as the energy sees them: hat gradients, weights, and one fused pass over positions and rotations.
 
+use super::Options;
 use crate::error::{Error, Result};
 use crate::linalg::lanes::{Lanes, for_each_instruction_set, transpose};
 use crate::linalg::rotation::{self, Matrices, Quaternions};
 use crate::proxy::Proxy;
 use glam::DVec3;
+use std::ops::Range;
 
 /// One tetrahedron at rest.
 #[derive(Clone, Debug)]
 pub(super) struct Element {
     pub(super) corners: [u32; 4],
+    /// The rigid group it belongs to.
+    pub(super) group: Option<u32>,
     /// Gradients of the four hat functions (Stoll et al. 2007, (2.2)–(2.3)).
     pub(super) gradients: [DVec3; 4],
     pub(super) volume: f64,
@@ -18,10 +22,15 @@ pub(super) struct Element {
     /// `capped` times the stiffness times `1 + bulk`: the weight in the matrix. The energy has it over `1 + bulk`, so that the matrix bounds the
     /// curvature of the change of volume too.
     pub(super) weight: f64,
-    /// Weight of the change of volume against that of the deformation.
+    /// Weight of the change of volume, relative to that of a tetrahedron that is no sliver.
     pub(super) bulk: f64,
 }
 
+/// Below this part of its volume a tetrahedron resists with so many times the bulk more, slivers too. It calms deep creases, where whole rows of
+/// tetrahedra turn inside out and snap back: in a squat a fifth of the frames with more than ten of them inside out and two thirds of the farthest jump
+/// from frame to frame, for the same passes. Twice as much takes twice the passes.
+const FOLDED: f64 = 0.25;
+const FOLDED_BULK: f64 = 4.0;
 /// The change of volume `g` counts as `g² / (1 + g² · SATURATION)`.
 const SATURATION: f64 = 0.25;
 
@@ -32,8 +41,31 @@ const SLENDER: f64 = 3.0;
 /// Below this ratio of six volumes to the cube of the longest edge the gradients are rounding; such a tetrahedron is left out.
 const FLAT: f64 = 1e-7;
 
+/// How many times as stiff the tetrahedra of a rigid group are: a shared rotation alone leaves half of their deformation.
+const RIGID: f64 = 100.0;
+
+/// Rigid group of each tetrahedron.
+fn groups(proxy: &Proxy, rigid: &[Vec<u32>]) -> Result<Vec<Option<u32>>> {
+    let mut groups = vec![None; proxy.tets.len()];
+    for (number, tets) in rigid.iter().enumerate() {
+        for &tet in tets {
+            let refuse = |what: String| Err(Error::refused(format!("rigid group {number}: {what}")));
+            let Some(group) = groups.get_mut(tet as usize) else {
+                return refuse(format!("tetrahedron {tet} of a proxy with {}", proxy.tets.len()));
+            };
+            match group.replace(number as u32) {
+                Some(other) if other != number as u32 => return refuse(format!("tetrahedron {tet} is in group {other} too")),
+                _ => {}
+            }
+        }
+    }
+    Ok(groups)
+}
+
 /// The tetrahedra of a proxy. `sliver_cap` limits `volume · |gradient|²`, in medians: a flat tetrahedron is a stiff one.
-pub(super) fn elements(proxy: &Proxy, stiffness: &[f64], sliver_cap: f64, bulk: f64) -> Result<Vec<Element>> {
+pub(super) fn elements(proxy: &Proxy, options: &Options) -> Result<Vec<Element>> {
+    let stiffness = &options.stiffness;
+    let groups = groups(proxy, &options.rigid)?;
     if !stiffness.is_empty() && stiffness.len() != proxy.tets.len() {
         return Err(Error::refused(format!("{} stiffness values for {} tetrahedra", stiffness.len(), proxy.tets.len())));
     }
@@ -54,19 +86,13 @@ pub(super) fn elements(proxy: &Proxy, stiffness: &[f64], sliver_cap: f64, bulk: 
         }
         let (ga, gb, gc) = (b.cross(c) / six_volumes, c.cross(a) / six_volumes, a.cross(b) / six_volumes);
         let volume = six_volumes.abs() / 6.0;
-        let stiffness = stiffness.get(j).copied().unwrap_or(1.0);
-        elements.push(Element {
-            corners,
-            gradients: [ga, gb, gc, -(ga + gb + gc)],
-            volume,
-            capped: volume,
-            weight: stiffness,
-            bulk,
-        });
+        let weight = stiffness.get(j).copied().unwrap_or(1.0) * groups[j].map_or(1.0, |_| RIGID);
+        let gradients = [ga, gb, gc, -(ga + gb + gc)];
+        elements.push(Element { corners, group: groups[j], gradients, volume, capped: volume, weight, bulk: 1.0 });
     }
-    cap_slivers(&mut elements, sliver_cap);
+    cap_slivers(&mut elements, options.sliver_cap);
     for element in &mut elements {
-        element.weight *= element.capped * (1.0 + bulk);
+        element.weight *= element.capped * (1.0 + options.effective_bulk());
     }
     Ok(elements)
 }
@@ -90,12 +116,19 @@ fn cap_slivers(elements: &mut [Element], cap: f64) {
 }
 
 /// Elements in the order of their vertices, dealt out so that the four of a block come from four quarters of that order: neighbours in a block would
-/// wait for each other when they add to the same vertex.
+/// wait for each other when they add to the same vertex. First those with a rotation of their own, then group by group; each part is filled up to
+/// whole blocks with tetrahedra without weight and volume.
 pub(super) fn arrange(mut elements: Vec<Element>) -> Vec<Element> {
-    elements.sort_by_key(|e| e.corners.iter().copied().min());
-    let blocks = elements.len() / 4;
-    let dealt = (0..blocks).flat_map(|b| (0..4).map(move |lane| lane * blocks + b));
-    dealt.chain(4 * blocks..elements.len()).map(|j| elements[j].clone()).collect()
+    elements.sort_by_key(|e| (e.group, e.corners.iter().copied().min()));
+    let mut arranged = Vec::with_capacity(elements.len() + 4);
+    for part in elements.chunk_by(|a, b| a.group == b.group) {
+        let blocks = part.len() / 4;
+        let dealt = (0..blocks).flat_map(|b| (0..4).map(move |lane| lane * blocks + b));
+        arranged.extend(dealt.chain(4 * blocks..part.len()).map(|j| part[j].clone()));
+        let filler = Element { volume: 0.0, capped: 0.0, weight: 0.0, ..part[0].clone() };
+        arranged.resize(arranged.len().next_multiple_of(4), filler);
+    }
+    arranged
 }
 
 /// Four tetrahedra side by side.
@@ -108,6 +141,7 @@ pub(super) struct Block {
     /// Zero in lanes that only fill up the last block.
     weight: Lanes,
     volume: Lanes,
+    /// Relative to the bulk of the others.
     bulk: Lanes,
 }
 
@@ -115,41 +149,73 @@ pub(super) struct Block {
 #[derive(Clone, Debug)]
 pub(super) struct Blocks {
     pub(super) list: Vec<Block>,
+    /// The first so many have a rotation per tetrahedron.
+    free: usize,
+    /// The others share one rotation per range.
+    groups: Vec<Range<usize>>,
+    /// Tetrahedra whose corners are all given: nothing to solve, but they have a volume.
+    held: Vec<Block>,
     pub(super) total_weight: f64,
     total_volume: f64,
+    /// The weight of the change of volume, and the part of it that counts now: all or nothing.
+    full_bulk: f64,
     bulk: f64,
 }
 
 impl Blocks {
-    /// `bulk`: weight of the change of volume against that of the deformation, which the weights of the elements include (see [`elements`]).
-    pub(super) fn new(elements: &[Element], bulk: f64) -> Self {
-        let list = elements
-            .chunks(4)
-            .map(|four| {
-                let of = |lane: usize| four.get(lane).unwrap_or(&four[0]);
-                let gather = |value: &dyn Fn(&Element) -> f64| Lanes(std::array::from_fn(|lane| value(of(lane))));
-                let filled =
-                    |value: &dyn Fn(&Element) -> f64| Lanes(std::array::from_fn(|lane| four.get(lane).map_or(0.0, value)));
-                Block {
-                    corners: std::array::from_fn(|corner| std::array::from_fn(|lane| of(lane).corners[corner])),
-                    gradients: std::array::from_fn(|k| gather(&|e| e.gradients[k / 3][k % 3])),
-                    weight: filled(&|e| e.weight),
-                    volume: filled(&|e| e.volume),
-                    bulk: filled(&|e| e.bulk),
-                }
-            })
-            .collect();
+    /// From arranged elements. `bulk`: weight of the change of volume against that of the deformation, which the weights of the elements include
+    /// (see [`elements`]).
+    pub(super) fn new(elements: &[Element], held: &[Element], bulk: f64) -> Self {
+        let list: Vec<Block> = elements.chunks(4).map(Block::new).collect();
+        let free = elements.iter().filter(|e| e.group.is_none()).count() / 4;
+        let mut groups = Vec::new();
+        for part in elements[4 * free..].chunk_by(|a, b| a.group == b.group) {
+            let start = groups.last().map_or(free, |last: &Range<usize>| last.end);
+            groups.push(start..start + part.len() / 4);
+        }
         Self {
             list,
+            free,
+            groups,
+            held: held.chunks(4).map(Block::new).collect(),
             total_weight: elements.iter().map(|e| e.weight).sum(),
-            total_volume: elements.iter().map(|e| e.volume).sum(),
+            total_volume: elements.iter().chain(held).map(|e| e.volume).sum(),
+            full_bulk: bulk,
             bulk,
         }
     }
 
     /// `newton` steps of every rotation towards the deformation gradients of `p`, then energy and half its gradient by `p`, which is written to `g`.
     pub(super) fn pass(&self, p: &[Lanes], rotations: &mut [Quaternions], newton: u32, g: &mut [Lanes]) -> f64 {
-        pass(&self.list, p, rotations, newton, 1.0 / (1.0 + self.bulk), g)
+        self.pass_with(self.bulk, p, rotations, newton, g)
+    }
+
+    /// The same for the energy without the change of volume and `1 + bulk` times the weights: its matrix is exactly the factored one.
+    pub(super) fn pass_without_bulk(&self, p: &[Lanes], rotations: &mut [Quaternions], g: &mut [Lanes]) {
+        self.pass_with(0.0, p, rotations, 0, g);
+    }
+
+    fn pass_with(&self, bulk: f64, p: &[Lanes], rotations: &mut [Quaternions], newton: u32, g: &mut [Lanes]) -> f64 {
+        g.fill(Lanes::ZERO);
+        let scales = if bulk > 0.0 { (1.0 / (1.0 + bulk), bulk) } else { (1.0, 0.0) };
+        let mut energy = pass(&self.list[..self.free], p, &mut rotations[..self.free], newton, scales, g);
+        for range in &self.groups {
+            let (blocks, rotations) = (&self.list[range.clone()], &mut rotations[range.clone()]);
+            if newton > 0 {
+                let (f, mut q) = (mean_deformation(blocks, p), rotations[0]);
+                for _ in 0..newton {
+                    rotation::newton_step(&f, &mut q);
+                }
+                rotations.fill(q);
+            }
+            energy += pass(blocks, p, rotations, 0, scales, g);
+        }
+        energy
+    }
+
+    /// The ranges of blocks that share a rotation.
+    pub(super) fn groups(&self) -> &[Range<usize>] {
+        &self.groups
     }
 
     /// Weight of the change of volume.
@@ -157,10 +223,20 @@ impl Blocks {
         self.bulk
     }
 
+    /// Leaves the change of volume out, as [`Self::pass_without_bulk`], until called again.
+    pub(super) fn leave_bulk_out(&mut self, out: bool) {
+        self.bulk = if out { 0.0 } else { self.full_bulk };
+    }
+
     /// The rotations nearest to the deformation gradients of `p`, to rounding.
     pub(super) fn extract(&self, p: &[Lanes], rotations: &mut [Quaternions]) {
-        for (block, q) in self.list.iter().zip(rotations) {
+        for (block, q) in self.list[..self.free].iter().zip(rotations.iter_mut()) {
             rotation::extract(&deformation(block, p), q);
+        }
+        for range in &self.groups {
+            let mut q = rotations[range.start];
+            rotation::extract(&mean_deformation(&self.list[range.clone()], p), &mut q);
+            rotations[range.clone()].fill(q);
         }
     }
 
@@ -181,9 +257,37 @@ impl Blocks {
 
     /// Tetrahedra turned inside out, and the volume against rest.
     pub(super) fn measure(&self, p: &[Lanes]) -> (u32, f64) {
-        let (inverted, volume) = measure(&self.list, p);
-        (inverted, volume / self.total_volume)
+        let ((inverted, volume), (others, held)) = (measure(&self.list, p), measure(&self.held, p));
+        (inverted + others, (volume + held) / self.total_volume)
     }
+}
+
+impl Block {
+    /// One to four elements.
+    fn new(four: &[Element]) -> Self {
+        let of = |lane: usize| four.get(lane).unwrap_or(&four[0]);
+        let gather = |value: &dyn Fn(&Element) -> f64| Lanes(std::array::from_fn(|lane| value(of(lane))));
+        let filled = |value: &dyn Fn(&Element) -> f64| Lanes(std::array::from_fn(|lane| four.get(lane).map_or(0.0, value)));
+        Self {
+            corners: std::array::from_fn(|corner| std::array::from_fn(|lane| of(lane).corners[corner])),
+            gradients: std::array::from_fn(|k| gather(&|e| e.gradients[k / 3][k % 3])),
+            weight: filled(&|e| e.weight),
+            volume: filled(&|e| e.volume),
+            bulk: filled(&|e| e.bulk),
+        }
+    }
+}
+
+/// `Σ w F / Σ w` in every lane: the rotation nearest to it is the best one that all can share.
+fn mean_deformation(blocks: &[Block], p: &[Lanes]) -> Matrices {
+    let (mut sum, mut total) = ([Lanes::ZERO; 9], 0.0);
+    for block in blocks {
+        for (sum, f) in sum.iter_mut().zip(deformation(block, p)) {
+            *sum += f * block.weight;
+        }
+        total += block.weight.sum();
+    }
+    sum.map(|lanes| Lanes::splat(lanes.sum() / total))
 }
 
 /// Deformation gradients by rows (Stoll et al. 2007, (2.6), transposed: `x' = F x`).
@@ -238,8 +342,15 @@ fn add_to_corners(places: &[[u32; 4]; 4], values: &[[Lanes; 3]; 4], sums: &mut [
 }
 
 for_each_instruction_set! {
-    fn pass(blocks: &[Block], p: &[Lanes], rotations: &mut [Quaternions], newton: u32, relief: f64, g: &mut [Lanes]) -> f64 {
-        g.fill(Lanes::ZERO);
+    /// `scales`: from the weights in the matrix to those in the energy, and of the change of volume.
+    fn pass(
+        blocks: &[Block],
+        p: &[Lanes],
+        rotations: &mut [Quaternions],
+        newton: u32,
+        scales: (f64, f64),
+        g: &mut [Lanes],
+    ) -> f64 {
         let mut energy = Lanes::ZERO;
         for (block, rotation) in blocks.iter().zip(rotations) {
             let f = deformation(block, p);
@@ -249,15 +360,22 @@ for_each_instruction_set! {
             }
             *rotation = q;
             let r = rotation::matrices(&q);
-            let weight = block.weight * relief;
+            let weight = block.weight * scales.0;
             let cofactors = cofactors(&f);
             let growth = f[0] * cofactors[0] + f[1] * cofactors[1] + f[2] * cofactors[2] - Lanes::splat(1.0);
             // Beyond a doubling the term saturates, so that it never outgrows the others.
-            let bounded = Lanes::splat(1.0) / (Lanes::splat(1.0) + growth * growth * SATURATION);
-            let press = growth * bounded * block.bulk;
-            let pressure = press * bounded;
+            let bounded = |g: Lanes| Lanes::splat(1.0) / (Lanes::splat(1.0) + g * g * SATURATION);
+            let bulk = block.bulk * scales.1;
+            let bound = bounded(growth);
+            let press = growth * bound * bulk;
+            // Zero where the tetrahedron keeps enough of its volume.
+            let lack = growth + Lanes::splat(1.0 - FOLDED);
+            let lack = Lanes::select(std::array::from_fn(|lane| lack.0[lane] < 0.0), lack, Lanes::ZERO);
+            let resist_bound = bounded(lack);
+            let resist = lack * resist_bound * (scales.1 * FOLDED_BULK);
+            let pressure = press * bound + resist * resist_bound;
             let mut pull = [Lanes::ZERO; 9];
-            let mut square = growth * press;
+            let mut square = growth * press + lack * resist;
             for k in 0..9 {
                 let d = f[k] - r[k];
                 square += d * d;

@@ -50,8 +50,8 @@ pub(super) struct SoftHandles {
 }
 
 impl SoftHandles {
-    /// `handles` with rows in the solver's numbering, and `weights` in the energy.
-    pub(super) fn new(handles: &[Handle], weights: Vec<f64>, factor: &Cholesky) -> Self {
+    /// `handles` with rows in the solver's numbering, and `weights` in the energy; `given` tells the vertices whose place is not solved for.
+    pub(super) fn new(handles: &[Handle], weights: Vec<f64>, given: &[bool], factor: &Cholesky) -> Self {
         let (count, size) = (handles.len(), factor.size());
         let mut result = Self {
             starts: vec![0],
@@ -74,18 +74,18 @@ impl SoftHandles {
             result.values.extend_from_slice(&handle.row.values);
             result.starts.push(result.vertices.len());
         }
-        result.respond(factor);
+        result.respond(given, factor);
         result
     }
 
-    fn respond(&mut self, factor: &Cholesky) {
+    fn respond(&mut self, given: &[bool], factor: &Cholesky) {
         let (count, size) = (self.len(), factor.size());
         let mut x = vec![Lanes::ZERO; size];
         for first in (0..count).step_by(4) {
             let lanes = (count - first).min(4);
             x.fill(Lanes::ZERO);
             for lane in 0..lanes {
-                for (v, b) in self.row(first + lane) {
+                for (v, b) in self.row(first + lane).filter(|&(v, _)| !given[v]) {
                     x[v].0[lane] += b;
                 }
             }
@@ -141,6 +141,11 @@ impl SoftHandles {
         self.weights[h] * self.asked[h]
     }
 
+    /// The largest weight of any handle at full presence; 1 without handles.
+    pub(super) fn largest_weight(&self) -> f64 {
+        if self.weights.is_empty() { 1.0 } else { self.weights.iter().fold(0.0, |m, w| w.max(m)) }
+    }
+
     /// Moves the remembered target of a handle that is absent.
     pub(super) fn place_absent(&mut self, place: impl Fn(usize, &Self) -> Lanes) {
         for h in 0..self.len() {
@@ -150,13 +155,10 @@ impl SoftHandles {
         }
     }
 
-    /// Takes over the targets of a frame. Targets that are not points count as absent. With [`Presence::Nobody`] nothing is taken over.
-    pub(super) fn take(&mut self, targets: &Targets) -> Presence {
-        let asked = |h: usize| {
-            let presence = targets.presence[h];
-            if targets.positions[h].is_finite() && presence > 0.0 { presence.min(1.0) } else { 0.0 }
-        };
-        if (0..self.len()).all(|h| asked(h) == 0.0) {
+    /// Takes over the targets of a frame. With [`Presence::Nobody`] nothing is taken over; it is not said when something else holds the body.
+    pub(super) fn take(&mut self, targets: &Targets, held: bool) -> Presence {
+        let asked = |h: usize| targets.presence[h].clamp(0.0, 1.0);
+        if !held && (0..self.len()).all(|h| asked(h) == 0.0) {
             return Presence::Nobody;
         }
         let mut result = Presence::Same;

@@ -10,7 +10,7 @@ use crate::proxy::Proxy;
 use glam::{DMat3, DQuat, DVec3};
 
 /// A block of `cells` cubes, each cut into six tetrahedra round its diagonal, bent a little by `wobble` so that no two are alike.
-fn block(cells: [u32; 3], wobble: f64) -> Proxy {
+pub(super) fn block(cells: [u32; 3], wobble: f64) -> Proxy {
     let [nx, ny, nz] = cells;
     let id = |x: u32, y: u32, z: u32| (z * (ny + 1) + y) * (nx + 1) + x;
     let mut proxy = Proxy::default();
@@ -40,16 +40,16 @@ fn grid([nx, ny, nz]: [u32; 3]) -> impl Iterator<Item = (u32, u32, u32)> {
 }
 
 /// A bar, a plate and a lump.
-fn shapes() -> [Proxy; 3] {
+pub(super) fn shapes() -> [Proxy; 3] {
     [block([10, 2, 2], 0.1), block([6, 6, 1], 0.15), block([4, 4, 4], 0.2)]
 }
 
-fn on_vertex(v: usize, beta: f64) -> Handle {
+pub(super) fn on_vertex(v: usize, beta: f64) -> Handle {
     Handle { name: format!("v{v}"), row: SparseRow { indices: vec![v as u32], values: vec![1.0] }, beta }
 }
 
 /// Handles on every seventh vertex, every third of them between two vertices.
-fn handles(proxy: &Proxy, beta: f64) -> Vec<Handle> {
+pub(super) fn handles(proxy: &Proxy, beta: f64) -> Vec<Handle> {
     (0..proxy.rest.len())
         .step_by(7)
         .map(|v| {
@@ -62,29 +62,29 @@ fn handles(proxy: &Proxy, beta: f64) -> Vec<Handle> {
         .collect()
 }
 
-fn targets_of(proxy: &Proxy, handles: &[Handle], motion: impl Fn(DVec3) -> DVec3) -> Targets {
+pub(super) fn targets_of(proxy: &Proxy, handles: &[Handle], motion: impl Fn(DVec3) -> DVec3) -> Targets {
     let positions: Vec<DVec3> = handles.iter().map(|h| motion(h.row.apply(&proxy.rest))).collect();
     Targets { presence: vec![1.0; positions.len()], positions }
 }
 
 /// Twist about x by `angle` from end to end, with a bend.
-fn twisted(angle: f64) -> impl Fn(DVec3) -> DVec3 {
+pub(super) fn twisted(angle: f64) -> impl Fn(DVec3) -> DVec3 {
     move |p| DQuat::from_rotation_x(angle * p.x) * p + DVec3::Z * (0.3 * angle * p.x * p.x)
 }
 
-fn rigid() -> (DQuat, DVec3) {
+pub(super) fn rigid() -> (DQuat, DVec3) {
     (DQuat::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 1.0), DVec3::new(0.7, -0.3, 2.0))
 }
 
-fn plain(iterations: u32) -> Options {
+pub(super) fn plain(iterations: u32) -> Options {
     Options { iterations: Some(iterations), ..Default::default() }
 }
 
-fn to_the_end() -> Options {
+pub(super) fn to_the_end() -> Options {
     Options { tolerance: 1e-10, ..Default::default() }
 }
 
-fn distance(a: &[DVec3], b: &[DVec3]) -> f64 {
+pub(super) fn distance(a: &[DVec3], b: &[DVec3]) -> f64 {
     a.iter().zip(b).fold(0.0, |m, (a, b)| if a.distance(*b) <= m { m } else { a.distance(*b) })
 }
 
@@ -415,8 +415,8 @@ fn without_a_present_handle_the_pose_is_held() {
     assert!(stats.passes == 0 && stats.converged);
     targets.presence.fill(1.0);
     targets.positions.fill(DVec3::NAN);
-    deformer.step(&targets).unwrap();
-    assert_eq!(deformer.pose(), pose, "targets that are not points are absent");
+    assert_eq!(deformer.step(&targets).unwrap_err().kind, Kind::Refused);
+    assert_eq!(deformer.pose(), pose, "a frame that is refused leaves everything as it was");
     deformer.step(&targets_of(&proxy, &handles, twisted(0.75))).unwrap();
     let straight = twist(&proxy, &handles, &to_the_end(), 3, |p| p);
     assert!(distance(deformer.pose(), straight.pose()) < 1e-7);
@@ -551,9 +551,10 @@ fn flat_tetrahedra_are_left_out_and_slivers_are_capped() {
     let [p, q, r] = [a, b, c].map(|v| proxy.rest[v as usize]);
     proxy.rest.push((p + q + r) / 3.0 + (q - p).cross(r - p) * 1e-4);
     *proxy.tets.last_mut().unwrap() = [a, b, c, new];
-    let sliver = super::elements::elements(&proxy, &[], 30.0, 0.0).unwrap().pop().unwrap();
+    let capped = Options { bulk: 0.0, ..Default::default() };
+    let sliver = super::elements::elements(&proxy, &capped).unwrap().pop().unwrap();
     assert!(sliver.capped < 1e-2 * sliver.volume);
-    let whole = super::elements::elements(&proxy, &[], f64::INFINITY, 0.0).unwrap().pop().unwrap();
+    let whole = super::elements::elements(&proxy, &Options { sliver_cap: f64::INFINITY, ..capped }).unwrap().pop().unwrap();
     assert_eq!(whole.capped, whole.volume);
     assert!(distance(twist(&proxy, &handles, &to_the_end(), 3, |p| p).pose(), &expected) < 0.02);
 }
@@ -569,4 +570,30 @@ fn an_inverted_tetrahedron_is_counted() {
     targets.positions[1] += DVec3::new(-1.5, 0.5, 0.5);
     let stats = deformer.step(&targets).unwrap();
     assert!(stats.inverted > 0 && stats.volume_ratio < 0.9, "{stats:?}");
+}
+
+#[test]
+fn the_gradient_is_the_slope_of_the_energy_also_where_tetrahedra_are_folded() {
+    let proxy = block([3, 2, 2], 0.1);
+    let deformer = Volumetric::new(&proxy, &handles(&proxy, 1.0), &Options::default()).unwrap();
+    let wave = |v: usize, phase: f64| {
+        let t = v as f64 * 2.4 + phase;
+        Lanes::point(DVec3::new(t.sin(), (1.7 * t).cos(), (2.3 * t).sin()))
+    };
+    let moved = |size: f64| -> Vec<Lanes> { deformer.rest.iter().enumerate().map(|(v, p)| *p + wave(v, 0.0) * size).collect() };
+    for size in [0.0, 0.05, 0.2] {
+        let p = moved(size);
+        let mut rotations = deformer.rotations.clone();
+        let mut gradient = vec![Lanes::ZERO; p.len()];
+        let inverted = deformer.blocks.measure(&p).0;
+        assert!((size > 0.1) == (inverted > 10), "{inverted} inside out");
+        deformer.blocks.pass(&p, &mut rotations, 2, &mut gradient);
+        let mut along = |step: f64| {
+            let p: Vec<Lanes> = p.iter().enumerate().map(|(v, p)| *p + wave(v, 1.0) * step).collect();
+            deformer.blocks.pass(&p, &mut rotations, 0, &mut vec![Lanes::ZERO; p.len()])
+        };
+        let slope = (along(1e-6) - along(-1e-6)) / 2e-6;
+        let expected: f64 = gradient.iter().enumerate().map(|(v, g)| 2.0 * (*g * wave(v, 1.0)).sum()).sum();
+        assert!((slope - expected).abs() < 1e-7 * (1.0 + expected.abs()), "{size}: {slope} {expected}");
+    }
 }

@@ -3,10 +3,11 @@
 //! It minimises, over positions p and one rotation per tetrahedron,
 //!
 //! ```text
-//! E(p, R) = Σ_j w_j ( |F_j(p) − R_j|² + κ (det F_j(p) − 1)² )  +  Σ_h a_h |b_h p − c_h|²,     w_j = stiffness_j · volume_j
+//! E(p, R) = Σ_j w_j ( |F_j(p) − R_j|² + κ (det F_j(p) − 1)² + 4 κ min(0, det F_j(p) − ¼)² )  +  Σ_h a_h |b_h p − c_h|²,     w_j = stiffness_j · volume_j
 //! ```
 //!
-//! The term with κ ([`Options::bulk`]) keeps the volume; the source has none, and with κ = 0 the energy is the source's.
+//! The terms with κ ([`Options::bulk`]) keep the volume, and more so in folds; the source has none, and with κ = 0 the energy is the source's.
+//! Both saturate: a square g² counts as g² / (1 + g²/4); in slivers the first counts less.
 //!
 //! Source: Stoll, de Aguiar, Theobalt, Seidel: *A volumetric approach to interactive shape editing*, MPI-I-2007-4-004. Their alternation of a linear
 //! solve and a rotation update is [`Options::iterations`]; two or three of them lag visibly behind the handles, so the default runs to the minimum: it
@@ -19,10 +20,15 @@ mod elements;
 mod handles;
 #[cfg(test)]
 mod laws;
+mod oriented;
+#[cfg(test)]
+mod oriented_laws;
+#[cfg(test)]
+mod recovery;
 #[cfg(test)]
 mod stored_poses;
 
-use super::{Deformer, FrameStats, Handle, Targets};
+use super::{Deformer, FrameStats, Handle, OrientedHandle, Placement, Targets};
 use crate::error::{Error, Result};
 use crate::linalg::lanes::Lanes;
 use crate::linalg::rotation::{self, Quaternions};
@@ -33,6 +39,7 @@ use descent::{Memory, Settings};
 use elements::{Blocks, Element};
 use glam::{DMat3, DQuat, DVec3};
 use handles::{Presence, SoftHandles};
+use oriented::Oriented;
 
 /// How the deformer solves.
 #[derive(Clone, Debug)]
@@ -43,6 +50,12 @@ pub struct Options {
     pub iterations: Option<u32>,
     /// Stiffness of each tetrahedron of the proxy, relative to the body; empty: 1 everywhere.
     pub stiffness: Vec<f64>,
+    /// Sets of tetrahedra of the proxy that move like a rigid body each: they share one rotation and are a hundred times as stiff. A set may consist of
+    /// parts that do not touch. Flat tetrahedra count for nothing.
+    pub rigid: Vec<Vec<u32>>,
+    /// When an oriented handle turns farther than this in one frame, radians, and there are at least two, the rotations of the whole body are first
+    /// turned by a harmonic blend of the handles' turns. Changes only where the frame begins. `f64::INFINITY`: never.
+    pub interpolate_above: f64,
     /// κ, the weight of the change of volume; 0 with a fixed count of iterations. Without it a body in a deep squat loses 8 % of its volume, with 0.8
     /// less than 5 %, for about 1.4 times the passes.
     pub bulk: f64,
@@ -69,7 +82,15 @@ impl Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { tolerance: Self::NORMAL, iterations: None, stiffness: Vec::new(), bulk: 0.8, sliver_cap: 30.0 }
+        Self {
+            tolerance: Self::NORMAL,
+            iterations: None,
+            stiffness: Vec::new(),
+            rigid: Vec::new(),
+            interpolate_above: std::f64::consts::FRAC_PI_6,
+            bulk: 0.8,
+            sliver_cap: 30.0,
+        }
     }
 }
 
@@ -77,7 +98,12 @@ impl Default for Options {
 pub struct Volumetric {
     settings: Settings,
     blocks: Blocks,
+    /// Names of the point handles, then of the points of oriented ones.
+    names: Vec<String>,
     handles: SoftHandles,
+    oriented: Oriented,
+    /// Targets of all handles in one list.
+    asked: Targets,
     factor: Cholesky,
     coarse: Coarse,
     /// Rest positions in elimination order, and the attachment of each handle on them.
@@ -103,11 +129,27 @@ impl Volumetric {
     /// [`crate::error::Kind::Refused`] when a component of the proxy has no handle, when a handle or a stiffness is not usable, or when the proxy
     /// has vertices on flat tetrahedra only.
     pub fn new(proxy: &Proxy, handles: &[Handle], options: &Options) -> Result<Self> {
+        Self::with_oriented(proxy, handles, &[], options)
+    }
+
+    /// As [`Self::new`], with oriented handles besides; they begin at rest, see [`Deformer::place`]. Those that hold by [`Grip::Exact`] are eliminated
+    /// from the linear systems; the others add rows to them.
+    ///
+    /// [`Grip::Exact`]: super::Grip::Exact
+    ///
+    /// # Errors
+    /// As [`Self::new`]; also when a grip names a vertex twice or one that is not there.
+    pub fn with_oriented(proxy: &Proxy, handles: &[Handle], oriented: &[OrientedHandle], options: &Options) -> Result<Self> {
         if !(options.bulk >= 0.0 && options.bulk.is_finite()) {
             return Err(Error::refused(format!("bulk {}", options.bulk)).expected("a number that is not negative"));
         }
-        let elements = elements::elements(proxy, &options.stiffness, options.sliver_cap, options.effective_bulk())?;
-        check_handles(proxy, handles)?;
+        if options.interpolate_above.is_nan() {
+            return Err(Error::refused("the angle above which rotations are interpolated is not a number"));
+        }
+        let elements = elements::elements(proxy, options)?;
+        let (oriented, points) = Oriented::new(proxy, oriented, handles.len())?;
+        let handles = [handles, &points].concat();
+        check_handles(proxy, &handles)?;
         // Hardness is relative to the body without its stiffer parts: a handle on a stiff part is not stiffer for it.
         let mut largest = vec![0.0; proxy.rest.len()];
         for e in &elements {
@@ -117,7 +159,7 @@ impl Volumetric {
         }
         let weights =
             handles.iter().map(|h| h.beta * h.row.indices.iter().fold(0.0_f64, |m, &v| m.max(largest[v as usize]))).collect();
-        Self::with_weights(proxy, elements, handles, weights, options)
+        Self::with_weights(proxy, elements, &handles, weights, oriented, options)
     }
 
     /// As [`Self::new`] with the weight of each handle in the energy as it is.
@@ -126,9 +168,10 @@ impl Volumetric {
         mut elements: Vec<Element>,
         handles: &[Handle],
         weights: Vec<f64>,
+        mut oriented: Oriented,
         options: &Options,
     ) -> Result<Self> {
-        check_components(proxy, &elements, handles)?;
+        check_components(proxy, &elements, handles, oriented.given())?;
         if !(options.tolerance > 0.0 && options.tolerance.is_finite()) {
             return Err(Error::refused(format!("tolerance {}", options.tolerance)).expected("a positive number"));
         }
@@ -143,6 +186,13 @@ impl Volumetric {
         for element in &mut elements {
             element.corners = element.corners.map(|v| places[v as usize]);
         }
+        oriented.renumber(&places);
+        let mut given = vec![false; size];
+        oriented.given().iter().for_each(|&v| given[v as usize] = true);
+        let all_given = |e: &Element| e.corners.iter().all(|&v| given[v as usize]);
+        // What is given altogether costs nothing; only when nothing else is left it stays, so that there is something to solve.
+        let (held, elements): (Vec<_>, Vec<_>) =
+            if elements.iter().all(all_given) { (Vec::new(), elements) } else { elements.into_iter().partition(all_given) };
         let elements = elements::arrange(elements);
         let attachments = handles.iter().map(|h| h.row.apply(&proxy.rest)).collect();
         let handles: Vec<Handle> = handles
@@ -152,19 +202,29 @@ impl Volumetric {
                 Handle { row: SparseRow { indices, values: h.row.values.clone() }, ..h.clone() }
             })
             .collect();
-        let matrix = matrix(size, &elements, &handles, &weights);
+        let matrix = matrix(&given, &elements, &handles, &weights);
         let factor = Cholesky::factor(&matrix).map_err(|reason| {
             Error::refused(format!("the handles do not hold the proxy: {reason}"))
                 .hint("handles of more moderate hardness, or a proxy without flat tetrahedra")
         })?;
-        let blocks = Blocks::new(&elements, options.effective_bulk());
-        let handles = SoftHandles::new(&handles, weights, &factor);
-        let coarse = Coarse::new(&elements, &rest, &blocks, &handles, &factor);
+        let blocks = Blocks::new(&elements, &held, options.effective_bulk());
+        let names = handles.iter().map(|h| h.name.clone()).collect();
+        oriented.share(&elements, &held, &handles, size, &blocks)?;
+        let handles = SoftHandles::new(&handles, weights, &given, &factor);
+        let coarse = Coarse::new(&elements, &rest, oriented.given(), &blocks, &handles, &factor);
         let (lo, hi) = rest.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
         let points: Vec<Lanes> = rest.iter().map(|p| Lanes::point(*p)).collect();
         let last = FrameStats { converged: true, volume_ratio: 1.0, ..Default::default() };
         Ok(Self {
-            settings: Settings { tolerance: options.tolerance, diagonal: (hi - lo).length(), iterations: options.iterations },
+            settings: Settings {
+                tolerance: options.tolerance,
+                diagonal: (hi - lo).length(),
+                iterations: options.iterations,
+                interpolate_above: options.interpolate_above,
+            },
+            names,
+            asked: Targets { positions: vec![DVec3::ZERO; handles.len()], presence: vec![0.0; handles.len()] },
+            oriented,
             rotations: vec![rotation::IDENTITY; blocks.list.len()],
             memory: Memory::new(size, handles.len(), options.iterations),
             p: points.clone(),
@@ -182,15 +242,25 @@ impl Volumetric {
         })
     }
 
-    /// Energy after each accepted step of the last frame, from its beginning. Never rises, but for rounding.
+    /// Energy after each accepted step of the last frame, from its beginning, or from where the term with κ was taken in or left out last. Never rises,
+    /// but for rounding.
     pub fn energies(&self) -> &[f64] {
         &self.memory.energies
     }
 
     fn solve(&mut self, targets: &Targets, cold: bool) -> Result<FrameStats> {
-        let count = self.handles.len();
+        let count = self.handles.len() - self.oriented.points();
         assert!(targets.positions.len() == count && targets.presence.len() == count, "one target per handle");
-        match self.handles.take(targets) {
+        for ((name, position), presence) in self.names.iter().zip(&targets.positions).zip(&targets.presence) {
+            if presence.is_nan() || *presence > 0.0 && !position.is_finite() {
+                return Err(Error::refused(format!("the target of handle {name} is {position} with presence {presence}"))
+                    .expected("a point, or presence 0"));
+            }
+        }
+        self.asked.positions[..count].copy_from_slice(&targets.positions);
+        self.asked.presence[..count].copy_from_slice(&targets.presence);
+        self.oriented.ask(&mut self.asked);
+        match self.handles.take(&self.asked, self.oriented.holds()) {
             Presence::Nobody => return Ok(self.hold()),
             Presence::Changed => self.coarse.rehandle(&self.handles),
             Presence::Same => {}
@@ -243,14 +313,18 @@ impl Volumetric {
     fn align(&mut self) {
         let present = |h: usize| (self.handles.present_weight(h), self.attachments[h], self.handles.target(h).xyz());
         let (mut total, mut from, mut to) = (0.0, DVec3::ZERO, DVec3::ZERO);
-        for (w, a, t) in (0..self.handles.len()).map(present).filter(|(w, ..)| *w > 0.0) {
+        let soft = (0..self.handles.len()).map(present).filter(|(w, ..)| *w > 0.0);
+        // Given vertices say where the body is; beside them points that pull count little.
+        let given = 100.0 * self.handles.largest_weight();
+        let all = || soft.clone().chain(self.oriented.attachments().map(|(a, t)| (given, a, t)));
+        for (w, a, t) in all() {
             total += w;
             from += a * w;
             to += t * w;
         }
         let (from, to) = (from / total, to / total);
         let mut covariance = DMat3::ZERO;
-        for (w, a, t) in (0..self.handles.len()).map(present).filter(|(w, ..)| *w > 0.0) {
+        for (w, a, t) in all() {
             let (a, t) = ((a - from) * w, t - to);
             covariance += DMat3::from_cols(t * a.x, t * a.y, t * a.z);
         }
@@ -267,6 +341,7 @@ impl Volumetric {
         }
         let attachments = &self.attachments;
         self.handles.place_absent(|h, _| Lanes::point(turn * (attachments[h] - from) + to));
+        self.oriented.place_absent(|p| turn * (p - from) + to);
         self.frames = 0;
     }
 
@@ -286,13 +361,19 @@ impl Deformer for Volumetric {
         self.solve(targets, false)
     }
 
+    fn place(&mut self, placements: &[Placement]) -> Result<()> {
+        self.oriented.place(placements)
+    }
+
     fn pose(&self) -> &[DVec3] {
         &self.pose
     }
 }
 
 /// `L + Bᵀ W B` (Stoll et al. 2007, (2.4)).
-fn matrix(size: usize, elements: &[Element], handles: &[Handle], weights: &[f64]) -> SymmetricMatrix {
+///
+/// Rows and columns of given vertices are those of the identity: with zeros there in a right side they have no part in the solution.
+fn matrix(given: &[bool], elements: &[Element], handles: &[Handle], weights: &[f64]) -> SymmetricMatrix {
     let mut entries = Vec::with_capacity(10 * elements.len());
     for e in elements {
         for (i, (&a, ga)) in e.corners.iter().zip(&e.gradients).enumerate() {
@@ -309,7 +390,11 @@ fn matrix(size: usize, elements: &[Element], handles: &[Handle], weights: &[f64]
             }
         }
     }
-    SymmetricMatrix::assemble(size, &entries)
+    if given.contains(&true) {
+        entries.retain(|&(a, b, _)| !given[a as usize] && !given[b as usize]);
+        entries.extend((0_u32..).zip(given).filter(|(_, given)| **given).map(|(v, _)| (v, v, 1.0)));
+    }
+    SymmetricMatrix::assemble(given.len(), &entries)
 }
 
 fn check_handles(proxy: &Proxy, handles: &[Handle]) -> Result<()> {
@@ -333,7 +418,7 @@ fn check_handles(proxy: &Proxy, handles: &[Handle]) -> Result<()> {
 }
 
 /// Every vertex hangs on a tetrahedron, and every connected part on a handle.
-fn check_components(proxy: &Proxy, elements: &[Element], handles: &[Handle]) -> Result<()> {
+fn check_components(proxy: &Proxy, elements: &[Element], handles: &[Handle], given: &[u32]) -> Result<()> {
     if elements.is_empty() {
         return Err(Error::refused("the proxy has no tetrahedra with volume"));
     }
@@ -357,6 +442,9 @@ fn check_components(proxy: &Proxy, elements: &[Element], handles: &[Handle]) -> 
         for (&v, _) in handle.row.indices.iter().zip(&handle.row.values).filter(|(_, b)| **b != 0.0) {
             held[root(&mut parents, v) as usize] = true;
         }
+    }
+    for &v in given {
+        held[root(&mut parents, v) as usize] = true;
     }
     let roots: Vec<u32> = (0..parents.len() as u32).filter(|&v| root(&mut parents, v) == v).collect();
     let Some(number) = roots.iter().position(|&v| !held[v as usize]) else { return Ok(()) };
