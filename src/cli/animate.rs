@@ -94,9 +94,16 @@ impl Setup {
         clock.lap("bind and proxy");
         cancel.check()?;
 
-        let rows = HandleRows::new(&proxy, args.map.into());
-        let handles: Vec<Handle> =
-            binding.handles.iter().map(|h| Handle { name: h.label.clone(), row: rows.row(h.attachment), beta: h.beta }).collect();
+        let (mut proxy, mut handles) = (proxy, Vec::new());
+        for _ in 0..2 {
+            handles = attach(&proxy, &binding, args);
+            let Some(held) = held_components(&proxy, &handles) else { break };
+            proxy = proxy.with_components(|c| held[c as usize]);
+            let loose = words::plural(held.iter().filter(|h| !**h).count(), "separate part");
+            let mut notes = Notes::default();
+            notes.warn(format!("{loose} of the scan without a marker: the nearest part of the body takes it along"));
+            warn(console, &mut warnings, &notes);
+        }
         let options = Options { tolerance: args.quality.tolerance(), iterations: args.iterations, ..Options::default() };
         let (map, deformer) = rayon::join(
             || SurfaceMap::build_by_pieces(&proxy, &points, &scan.mesh.faces, args.map.into()),
@@ -252,6 +259,26 @@ fn read_reference(path: &Path, options: &ReadOptions) -> Result<Capture> {
     capture.notes.iter().for_each(|text| notes.warn(format!("{}: {text}", file_name(path))));
     capture.notes = notes;
     Ok(capture)
+}
+
+/// The handles of the bound markers.
+fn attach(proxy: &Proxy, binding: &Binding, args: &Animate) -> Vec<Handle> {
+    let rows = HandleRows::new(proxy, args.map.into());
+    binding.handles.iter().map(|h| Handle { name: h.label.clone(), row: rows.row(h.attachment), beta: h.beta }).collect()
+}
+
+/// Which components of the proxy a handle holds; `None` where all or none are held.
+fn held_components(proxy: &Proxy, handles: &[Handle]) -> Option<Vec<bool>> {
+    let mut of_vertex = vec![0; proxy.rest.len()];
+    for (tet, &component) in proxy.tets.iter().zip(&proxy.components) {
+        tet.iter().for_each(|&v| of_vertex[v as usize] = component);
+    }
+    let count = proxy.components.iter().max().map_or(0, |&last| last as usize + 1);
+    let mut held = vec![false; count];
+    for handle in handles {
+        handle.row.indices.iter().for_each(|&v| held[of_vertex[v as usize] as usize] = true);
+    }
+    (held.contains(&true) && held.contains(&false)).then_some(held)
 }
 
 /// The proxy: built from the scan, or read from `--proxy`; with the words of its line.
