@@ -145,6 +145,8 @@ impl Volumetric {
                 passes += 1;
                 if next.is_nan() || next > limit {
                     newton = 3;
+                    next = self.evaluate(Place::Trial, newton);
+                    passes += 1;
                 }
                 let mut back = 0.5;
                 while next > limit && back > LEAST_STEP && self.blocks.bulk() > 0.0 {
