@@ -18,6 +18,7 @@ use crate::spatial::TriangleTree;
 use crate::surface::SurfaceMap;
 use glam::DVec3;
 use serde_json::{Value, json};
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -40,6 +41,8 @@ pub(super) fn run(args: &Animate, console: &Console) -> Result<()> {
 struct Setup {
     scan: Arc<Scan>,
     capture: Capture,
+    /// Frames to write, counted from 0.
+    range: Range<usize>,
     unit_box: UnitBox,
     binding: Binding,
     proxy: Arc<Proxy>,
@@ -59,6 +62,8 @@ impl Setup {
         let (scan, (capture, reference)) = (scan?, captures?);
         clock.lap("read");
         cancel.check()?;
+        let Motion::Markers(take) = &capture.motion;
+        let range = pipeline::select(capture.first_frame, take.frames(), args.frames)?;
 
         let unit_box = UnitBox::of(&scan.mesh).ok_or_else(|| {
             Error::malformed("the mesh has no extent").file(&args.scan).expected("faces over at least two different positions")
@@ -75,7 +80,9 @@ impl Setup {
         console.station("bind", &binding.decisions.bind_line());
         warn(console, &mut warnings, &scan.notes);
         warn(console, &mut warnings, &capture.notes);
+        warn(console, &mut warnings, &cut(args, &capture, &range));
         warn(console, &mut warnings, &binding.notes);
+        warn(console, &mut warnings, &unbound(&binding));
         binding_details(&binding).iter().for_each(|line| console.detail(line));
         let (proxy, remarks, notes) = built?;
         console.station("proxy", &remarks);
@@ -97,6 +104,7 @@ impl Setup {
         Ok(Self {
             scan: Arc::new(scan),
             capture,
+            range,
             unit_box,
             binding,
             proxy: Arc::new(proxy),
@@ -118,12 +126,13 @@ impl Setup {
         overlap: bool,
     ) -> Result<()> {
         let Motion::Markers(take) = &self.capture.motion;
-        let range = pipeline::select(self.capture.first_frame, take.frames(), args.frames)?;
+        let range = self.range.clone();
         let header = Arc::new(Header {
             scan: self.scan.clone(),
             unit_box: self.unit_box,
             proxy: self.proxy.clone(),
             map: self.map.clone(),
+            take: self.capture.source.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             rate: self.capture.rate,
             first_frame: self.capture.first_frame + range.start as i64,
             frames: range.len(),
@@ -192,7 +201,7 @@ impl Setup {
         let decisions = json!({
             "scan": { "vertices": self.scan.mesh.positions.len(), "faces": self.scan.mesh.faces.len(), "diagonal": self.unit_box.diagonal },
             "capture": { "name": self.capture.name, "rate": self.capture.rate, "first_frame": self.capture.first_frame, "summary": self.capture.summary() },
-            "binding": binding_json(&self.binding),
+            "binding": binding_json(&self.binding, self.unit_box),
             "proxy": { "vertices": self.proxy.rest.len(), "tetrahedra": self.proxy.tets.len() },
         });
         vec![("inputs", inputs), ("decisions", decisions), ("setup_ms", Value::Object(laps))]
@@ -286,6 +295,7 @@ fn bind(
         capture_up: args.capture_up,
     };
     binding::bind(&shape, landmarks::find(points, triangles), capture, reference, &options)
+        .map_err(|e| if e.file.is_none() { e.file(&scan.source) } else { e })
 }
 
 fn scan_line(args: &Animate, scan: &Scan, unit_box: UnitBox, binding: &Binding) -> String {
@@ -321,6 +331,30 @@ fn capture_counts(capture: &Capture) -> String {
     format!("{}, {} at {rate} Hz", words::plural(take.markers(), "marker"), words::plural(take.frames(), "frame"))
 }
 
+/// A range that reaches beyond the take is cut to it.
+fn cut(args: &Animate, capture: &Capture, range: &Range<usize>) -> Notes {
+    let mut notes = Notes::default();
+    let (first, last) = (capture.first_frame + range.start as i64, capture.first_frame + range.end as i64 - 1);
+    if let Some((a, b)) = args.frames.filter(|&(a, b)| a < first || b > last) {
+        notes.warn(format!("--frames {a}..{b} reaches beyond the take: frames {first}..{last} are written"));
+    }
+    notes
+}
+
+/// The markers that do not pull, by name.
+fn unbound(binding: &Binding) -> Notes {
+    const NAMED: usize = 6;
+    let mut notes = Notes::default();
+    if !binding.unbound.is_empty() {
+        let named: Vec<String> =
+            binding.unbound.iter().take(NAMED).map(|(label, reason)| format!("{label} ({reason})")).collect();
+        let more = binding.unbound.len().saturating_sub(NAMED);
+        let more = if more > 0 { format!(" and {more} more, see --verbose") } else { String::new() };
+        notes.warn(format!("{} not bound: {}{more}", words::plural(binding.unbound.len(), "marker"), named.join(", ")));
+    }
+    notes
+}
+
 /// One line per marker, for `--verbose`.
 fn binding_details(binding: &Binding) -> Vec<String> {
     let bound = binding.handles.iter().map(|h| {
@@ -332,7 +366,7 @@ fn binding_details(binding: &Binding) -> Vec<String> {
 }
 
 /// The decisions of the binding for the report.
-fn binding_json(binding: &Binding) -> Value {
+fn binding_json(binding: &Binding, unit_box: UnitBox) -> Value {
     let d = &binding.decisions;
     let known = |value: String, how: crate::space::Evidence| json!({ "value": value, "from": how.to_string() });
     json!({
@@ -359,7 +393,7 @@ fn binding_json(binding: &Binding) -> Value {
         "handles": binding.handles.iter().map(|h| json!({
             "label": h.label,
             "segment": h.segment.map(|s| s.name()),
-            "attachment": h.attachment.to_array(),
+            "attachment": unit_box.leave(h.attachment).to_array(),
             "beta": h.beta,
         })).collect::<Vec<_>>(),
         "unbound": binding.unbound.iter().map(|(label, reason)| json!({ "label": label, "reason": reason })).collect::<Vec<_>>(),
@@ -383,7 +417,7 @@ fn outcome_warnings(outcome: &Outcome) -> Vec<String> {
         texts.push(format!("fold at {}: more than 10 tetrahedra are inside out there", outcome.folds));
     }
     if outcome.unsolved.count() > 0 {
-        texts.push(format!("{} stopped at the cap of passes before the tolerance was reached", outcome.unsolved));
+        texts.push(format!("{} not solved to the tolerance", outcome.unsolved));
     }
     texts
 }
