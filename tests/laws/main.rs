@@ -244,7 +244,7 @@ fn mirrored_scaled_turned_and_renumbered_bodies_give_the_same_poses() {
         let mut tally = Tally::new(law, limit);
         for (maker, case, take) in combinations() {
             let count = case.proxy.rest.len() as u32;
-            let step = (2..).find(|s| count % s != 0 && (1..*s).all(|d| d == 1 || s % d != 0)).unwrap();
+            let step = (2..).find(|s| !count.is_multiple_of(*s) && (1..*s).all(|d| d == 1 || s % d != 0)).unwrap();
             let order: Vec<u32> = (0..count).map(|v| if renumbered { (v * step + 5) % count } else { v }).collect();
             let proxy = moved(&case.proxy, &order, &map, mirrored);
             let handles: Vec<_> = case
