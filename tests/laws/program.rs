@@ -207,7 +207,8 @@ fn units_and_axes_of_the_capture_do_not_matter() {
     let walk: Vec<usize> = (0..120).step_by(4).collect();
     let squat: Vec<usize> = (300..372).step_by(4).rev().collect();
     let stand: Vec<usize> = (0..12).collect();
-    let spaces: [(&[usize], f32, &[(&str, &str)]); 3] =
+    type Excerpt<'a> = (&'a [usize], f32, &'a [(&'static str, &'static str)]);
+    let spaces: [Excerpt<'_>; 3] =
         [(&walk, 30.0, &[("m", "+Z"), ("cm", "+Y")]), (&squat, 30.0, &[("mm", "+Y")]), (&stand, 120.0, &[("m", "+Y")])];
     let (mut worst, mut placed) = (0.0f64, 0.0f64);
     for (frames, rate, others) in spaces {
