@@ -99,6 +99,15 @@ impl Error {
         self
     }
 
+    /// Adds a next step to the error for a broken file that has neither one nor what was expected.
+    #[must_use]
+    pub(crate) fn hint_for_broken_file(self) -> Self {
+        if self.kind == Kind::Malformed && self.expected.is_none() && self.hint.is_none() {
+            return self.hint("export the file again, or repair it at that place");
+        }
+        self
+    }
+
     /// The exit code of the program: 2 wrong arguments, 3 refused or ambiguous, 130 interrupted, 1 anything else.
     pub fn exit_code(&self) -> u8 {
         match self.kind {

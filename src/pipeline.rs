@@ -315,7 +315,7 @@ impl<'a> Solver<'a> {
         Ok(FrameMeasure { frame: self.job.first_frame + frame as i64, stats, residual, solve_ms })
     }
 
-    /// A marker that is missing lets go at once; one that returns regains its pull over a few frames.
+    /// A marker that is missing lets go at once; one that returns regains its pull and its place over a few frames.
     fn fade(&mut self) {
         if self.presence.is_empty() {
             self.presence.extend(self.present.iter().map(|&p| f64::from(u8::from(p))));
@@ -325,6 +325,13 @@ impl<'a> Solver<'a> {
             }
         }
         self.targets.presence.copy_from_slice(&self.presence);
+        // A limb that hung free follows the faintest pull at once, so the way back is cut into pieces too.
+        let pose = self.job.deformer.pose();
+        for ((handle, target), &held) in self.job.handles.iter().zip(&mut self.targets.positions).zip(&self.presence) {
+            if held > 0.0 && held < 1.0 {
+                *target = handle.row.apply(pose).lerp(*target, held);
+            }
+        }
     }
 
     fn residual(&mut self) -> Residual {

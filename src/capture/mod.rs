@@ -39,7 +39,8 @@ pub struct ReadOptions {
 /// Unreadable or broken files, formats that are not read yet, files with nothing to animate, a subject or frames that are not there.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Capture> {
     known_format(path)?;
-    assemble(c3d::C3d::open(path)?, path, options).map_err(|e| if e.file.is_none() { e.file(path) } else { e })
+    let capture = c3d::C3d::open(path).and_then(|file| assemble(file, path, options));
+    capture.map_err(|e| if e.file.is_none() { e.file(path) } else { e }.hint_for_broken_file())
 }
 
 /// One take of a motion capture.

@@ -31,6 +31,10 @@ pub use triangulate::Triangles;
 /// Errors name the file and the place in it: it cannot be read, breaks its format, or has no faces. What is merely doubtful is in
 /// [`Scan::notes`].
 pub fn read(path: &Path) -> Result<Scan> {
+    parse(path).map_err(|e| e.hint_for_broken_file())
+}
+
+fn parse(path: &Path) -> Result<Scan> {
     let bytes = source::load(path)?;
     let mut scan = match source::format(path, &bytes)? {
         source::Format::Obj => obj::read(&bytes, path)?,

@@ -185,6 +185,8 @@ impl Volumetric {
                 passes += 1;
                 if next.is_nan() || next > limit {
                     newton = 3;
+                    next = self.evaluate(Place::Trial, newton);
+                    passes += 1;
                 }
                 if self.blocks.bulk() > 0.0 {
                     let mut back = 0.5;
