@@ -3,7 +3,9 @@
 use super::args::{Align, Animate, Reference};
 use super::console::Console;
 use super::{outputs, words};
-use crate::binding::{self, Binding, ScanShape, landmarks};
+use crate::binding::select::OrNone;
+use crate::binding::{self, Binding, Regions, Rules, ScanShape, driven, landmarks};
+use crate::capture::handles_csv::HandleTable;
 use crate::capture::{self, Capture, Motion, ReadOptions};
 use crate::deform::Handle;
 use crate::deform::volumetric::{Options, Volumetric};
@@ -45,6 +47,7 @@ struct Setup {
     proxy: Arc<Proxy>,
     map: Arc<SurfaceMap>,
     handles: Vec<Handle>,
+    regions: Regions,
     deformer: Volumetric,
     clock: Clock,
     warnings: Vec<String>,
@@ -56,7 +59,7 @@ impl Setup {
         let mut clock = Clock { last: start, laps: Vec::new() };
         let mut warnings = Vec::new();
         let (scan, captures) = rayon::join(|| scan::read(&args.scan), || read_captures(args));
-        let (scan, (capture, reference)) = (scan?, captures?);
+        let (scan, mut captures) = (scan?, captures?);
         clock.lap("read");
         cancel.check()?;
 
@@ -67,12 +70,13 @@ impl Setup {
         let triangles = scan.mesh.vertex_triangles();
         let (built, bound) = rayon::join(
             || body(args, &scan, unit_box, &points, &triangles, cancel),
-            || bind(args, &scan, unit_box, &points, &triangles, &capture, reference.as_ref()),
+            || bind(args, &scan, unit_box, &points, &triangles, &mut captures),
         );
         let binding = bound?;
+        let capture = captures.capture;
         console.station("scan", &scan_line(args, &scan, unit_box, &binding));
         console.station("capture", &capture_line(args, &capture, &binding));
-        console.station("bind", &binding.decisions.bind_line());
+        console.station("bind", &bind_line(args, &binding));
         warn(console, &mut warnings, &scan.notes);
         warn(console, &mut warnings, &capture.notes);
         warn(console, &mut warnings, &binding.notes);
@@ -84,9 +88,26 @@ impl Setup {
         cancel.check()?;
 
         let rows = HandleRows::new(&proxy, args.map.into());
-        let handles: Vec<Handle> =
-            binding.handles.iter().map(|h| Handle { name: h.label.clone(), row: rows.row(h.attachment), beta: h.beta }).collect();
-        let options = Options { tolerance: args.quality.tolerance(), iterations: args.iterations, ..Options::default() };
+        let regions = Regions::new(&scan, &points, unit_box, &proxy, &binding, &rules(args, &binding))?;
+        if !regions.counts.is_empty() {
+            console.station("parts", &regions.words());
+        }
+        let on_rigid = regions.on_rigid(&proxy, binding.handles.iter().map(|h| h.attachment));
+        let handles: Vec<Handle> = binding
+            .handles
+            .iter()
+            .zip(on_rigid)
+            .map(|(h, rigid)| {
+                let beta = if rigid && h.beta >= 1.0 { h.beta * GRIP } else { h.beta };
+                Handle { name: h.label.clone(), row: rows.row(h.attachment), beta }
+            })
+            .collect();
+        let options = Options {
+            tolerance: args.quality.tolerance(),
+            iterations: args.iterations,
+            stiffness: regions.stiffness.clone(),
+            ..Options::default()
+        };
         let (map, deformer) = rayon::join(
             || SurfaceMap::build_by_pieces(&proxy, &points, &scan.mesh.faces, args.map.into()),
             || Volumetric::new(&proxy, &handles, &options),
@@ -102,6 +123,7 @@ impl Setup {
             proxy: Arc::new(proxy),
             map,
             handles,
+            regions,
             deformer,
             clock,
             warnings,
@@ -185,6 +207,7 @@ impl Setup {
             "scan": name(&args.scan),
             "capture": name(&args.capture),
             "reference": args.ref_file.as_deref().map(name),
+            "handles": args.handles.as_deref().map(name),
             "proxy": args.proxy.as_deref().map(name),
         });
         let laps: serde_json::Map<String, Value> =
@@ -193,6 +216,7 @@ impl Setup {
             "scan": { "vertices": self.scan.mesh.positions.len(), "faces": self.scan.mesh.faces.len(), "diagonal": self.unit_box.diagonal },
             "capture": { "name": self.capture.name, "rate": self.capture.rate, "first_frame": self.capture.first_frame, "summary": self.capture.summary() },
             "binding": binding_json(&self.binding),
+            "parts": self.regions.counts.iter().map(|(what, stiffness, tets)| json!({ "what": what, "stiffness": stiffness, "tetrahedra": tets })).collect::<Vec<_>>(),
             "proxy": { "vertices": self.proxy.rest.len(), "tetrahedra": self.proxy.tets.len() },
         });
         vec![("inputs", inputs), ("decisions", decisions), ("setup_ms", Value::Object(laps))]
@@ -220,11 +244,56 @@ fn warn(console: &Console, all: &mut Vec<String>, notes: &Notes) {
     }
 }
 
-fn read_captures(args: &Animate) -> Result<(Capture, Option<Capture>)> {
-    let options = ReadOptions { subject: args.subject.clone(), frames: None };
-    let capture = capture::read(&args.capture, &options)?;
+/// What moves the scan.
+struct Captures {
+    capture: Capture,
+    reference: Option<Capture>,
+    /// Tables of handles; the first is the capture itself where that is one.
+    tables: Vec<HandleTable>,
+}
+
+fn is_table(path: &std::path::Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"))
+}
+
+fn read_captures(args: &Animate) -> Result<Captures> {
+    let mut tables = Vec::new();
+    let capture = if is_table(&args.capture) {
+        let table = HandleTable::read(&args.capture)?;
+        let capture = table.empty_capture(args.rate);
+        tables.push(table);
+        capture
+    } else {
+        capture::read(&args.capture, &ReadOptions { subject: args.subject.clone(), frames: None })?
+    };
+    tables.extend(args.handles.as_ref().map(|path| HandleTable::read(path)).transpose()?);
     let reference = args.ref_file.as_ref().map(|path| capture::read(path, &ReadOptions::default())).transpose()?;
-    Ok((capture, reference))
+    Ok(Captures { capture, reference, tables })
+}
+
+/// Hardness of handles on rigid parts against others: a part that cannot bend towards each of its handles leaves them farther away.
+const GRIP: f64 = 4.0;
+
+/// What is rigid or stiffer: what suits a body, unless `none` is said, and what the user says.
+fn rules(args: &Animate, binding: &Binding) -> Rules {
+    let mut rules = Rules::default();
+    if !args.stiffness.contains(&OrNone::None) && !is_table(&args.capture) {
+        rules.straight_arms(binding);
+    }
+    if !args.rigid.contains(&OrNone::None) && !is_table(&args.capture) {
+        rules.rigid_ends(binding);
+    }
+    for rule in &args.stiffness {
+        if let OrNone::This(rule) = rule {
+            rules.stiffness(rule.clone());
+        }
+    }
+    for what in &args.rigid {
+        if let OrNone::This(what) = what {
+            rules.rigid(what.clone());
+        }
+    }
+    rules
 }
 
 /// The proxy: built from the scan, or read from `--proxy`; with the words of its line.
@@ -258,8 +327,7 @@ fn bind(
     unit_box: UnitBox,
     points: &[DVec3],
     triangles: &[[u32; 3]],
-    capture: &Capture,
-    reference: Option<&Capture>,
+    captures: &mut Captures,
 ) -> Result<Binding> {
     let tree = TriangleTree::new(points, triangles);
     let shape = ScanShape { tree: &tree, unit_box, space: &scan.space };
@@ -285,7 +353,24 @@ fn bind(
         capture_unit: args.capture_unit,
         capture_up: args.capture_up,
     };
-    binding::bind(&shape, landmarks::find(points, triangles), capture, reference, &options)
+    let body = landmarks::find(points, triangles);
+    let mut binding = match captures.tables.first().filter(|_| is_table(&args.capture)) {
+        Some(table) => driven::unbound(&shape, body.as_ref().ok(), table, &options),
+        None => binding::bind(&shape, body, &captures.capture, captures.reference.as_ref(), &options)?,
+    };
+    for table in &captures.tables {
+        driven::add_handles(&shape, &mut captures.capture, &mut binding, table)?;
+    }
+    Ok(binding)
+}
+
+fn bind_line(args: &Animate, binding: &Binding) -> String {
+    let handles = binding.handles.len() - binding.decisions.bound;
+    match (is_table(&args.capture), handles) {
+        (true, n) => format!("{}, fixed to the scan where they are in their first frames", words::plural(n, "handle")),
+        (false, 0) => binding.decisions.bind_line(),
+        (false, n) => format!("{} · {} of a table", binding.decisions.bind_line(), words::plural(n, "handle")),
+    }
 }
 
 fn scan_line(args: &Animate, scan: &Scan, unit_box: UnitBox, binding: &Binding) -> String {
@@ -310,15 +395,19 @@ fn scan_line(args: &Animate, scan: &Scan, unit_box: UnitBox, binding: &Binding) 
 }
 
 fn capture_line(args: &Animate, capture: &Capture, binding: &Binding) -> String {
-    let mut parts = vec![capture_counts(capture), binding.decisions.capture_words(), capture.cleaning.to_string()];
+    let mut parts = vec![
+        capture_counts(capture, if is_table(&args.capture) { "handle" } else { "marker" }),
+        binding.decisions.capture_words(),
+        capture.cleaning.to_string(),
+    ];
     parts.retain(|p| !p.is_empty());
     format!("{}  {}", file_name(&args.capture), parts.join(" · "))
 }
 
-fn capture_counts(capture: &Capture) -> String {
+fn capture_counts(capture: &Capture, noun: &str) -> String {
     let Motion::Markers(take) = &capture.motion;
     let rate = words::digits((capture.rate * 1000.0).round() / 1000.0);
-    format!("{}, {} at {rate} Hz", words::plural(take.markers(), "marker"), words::plural(take.frames(), "frame"))
+    format!("{}, {} at {rate} Hz", words::plural(take.markers(), noun), words::plural(take.frames(), "frame"))
 }
 
 /// One line per marker, for `--verbose`.
