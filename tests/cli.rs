@@ -32,6 +32,8 @@ fn every_station_says_what_it_decided() {
         assert!(text.lines().any(|l| l.starts_with(station)), "no line for {station}:\n{text}");
     }
     assert!(text.contains("41 of 41 markers bound"), "{text}");
+    // The scan is the actor's own, so the skin gives the placement to a fraction of a per cent.
+    assert!(text.contains("similarity by the skin") && text.contains("scale 1.000"), "{text}");
     assert!(!text.contains('\u{1b}'), "escape codes in a pipe:\n{text}");
     let quiet = retarget_ok(work.path(), short(&["-o", "b.pc2", "--quiet"]));
     assert_eq!(quiet, "");

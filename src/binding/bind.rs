@@ -10,6 +10,7 @@ use super::similarity::{Held, Similarity, upright};
 use super::track::Track;
 use super::{
     Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, checks, clusters, places, raw, refuse,
+    skin,
 };
 use crate::capture::{Capture, Motion};
 use crate::error::{Error, Kind, Notes, Result};
@@ -18,6 +19,8 @@ use glam::DVec3;
 
 /// Root mean square of a similarity, in statures, below which actor and scan are alike in shape and pose.
 const ALIKE: f64 = 0.015;
+/// Frames nearest to the scan's pose that are tried on the skin.
+const NEAREST: usize = 8;
 /// The same beyond which the reference frame is not the scan's pose in any way.
 const FAR_POSE: f64 = 0.15;
 /// The same beyond which the pose is worth a word.
@@ -181,7 +184,7 @@ impl Human<'_> {
         };
         let landed = self.landed(posed);
         let pose_held = Held { yaw: if still.is_some() { None } else { held.yaw }, ..held };
-        let chosen = reference::choose(
+        let candidates = reference::candidates(
             posed.capture,
             &posed.track,
             still_actor.up.value.vector(),
@@ -190,8 +193,12 @@ impl Human<'_> {
             pose_held,
             options,
         )?;
+        let own = (options.align != Align::Pose && pose_held == Held::default())
+            .then(|| self.own_pose(posed, &candidates, &landed))
+            .flatten();
+        let chosen = own.unwrap_or(candidates[0]);
         let align = match options.align {
-            Align::Auto if chosen.rms < ALIKE => Align::Similarity,
+            Align::Auto if own.is_some() || chosen.rms < ALIKE => Align::Similarity,
             Align::Auto => Align::Pose,
             chosen => chosen,
         };
@@ -213,12 +220,25 @@ impl Human<'_> {
         let mut binding = self.attach(posed, still.is_some(), &actor, &fit, align, held, factor, notes)?;
         let diagonal = self.scan.unit_box.diagonal;
         let d = &mut binding.decisions;
+        d.on_skin = own.is_some() && align == Align::Similarity;
         d.scale = binding.placement.scale * diagonal / factor;
         d.scan_unit = unit;
         d.scan_up = Some(Known::new(self.body.up, if options.scan_up.is_some() { Evidence::User } else { Evidence::Shape }));
         d.scan_forward = Some(Known::new(self.body.forward, if options.flip { Evidence::User } else { Evidence::Shape }));
         d.scan_height = Some(self.body.stature * diagonal);
         Ok(binding)
+    }
+
+    /// A frame in which the actor stands as he was scanned, placed by the skin: among the nearest in pose, the first and the last.
+    fn own_pose(&self, posed: &Take<'_>, candidates: &[Chosen], landed: &[Landed]) -> Option<Chosen> {
+        let ends = [candidates.iter().map(|c| c.frame).min(), candidates.iter().map(|c| c.frame).max()];
+        let tried: Vec<Chosen> = candidates
+            .iter()
+            .enumerate()
+            .filter(|(rank, c)| *rank < NEAREST || ends.contains(&Some(c.frame)))
+            .map(|(_, c)| *c)
+            .collect();
+        skin::settle(&posed.track, landed, self.skeleton, self.scan.tree, &tried)
     }
 
     fn check_body(&self, notes: &mut Notes) -> Result<()> {
@@ -426,6 +446,7 @@ impl Human<'_> {
         let placement = self.place(align, actor, fitted, apart, &handles, held)?;
         let mut decisions = Decisions {
             align,
+            on_skin: false,
             reference_frame: posed.capture.first_frame + frame as i64,
             reference_range: posed.range(),
             reference_capture: apart.then(|| posed.capture.name.clone()),
@@ -508,7 +529,7 @@ impl Human<'_> {
         let frame = if apart {
             let landed = self.landed(self.take);
             let auto = Options { reference: Reference::Auto, ..self.options.clone() };
-            reference::choose(self.take.capture, &self.take.track, up, self.skeleton, &landed, held, &auto)?.frame
+            reference::candidates(self.take.capture, &self.take.track, up, self.skeleton, &landed, held, &auto)?[0].frame
         } else {
             chosen.frame
         };

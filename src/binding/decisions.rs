@@ -9,6 +9,8 @@ use glam::DVec3;
 pub struct Decisions {
     /// How the capture was brought onto the scan; never `Auto`.
     pub align: Align,
+    /// Whether the markers were laid on the skin itself: the scan is the actor's own, in the pose of the reference frame.
+    pub on_skin: bool,
     /// The reference frame in the numbering of its capture.
     pub reference_frame: i64,
     /// First and last frame of the capture that holds the reference frame.
@@ -96,7 +98,7 @@ impl Decisions {
         let (first, last) = self.reference_range;
         let of = self.reference_capture.as_ref().map_or(String::new(), |name| format!(" of {name}"));
         let mut words = vec![
-            self.align.to_string(),
+            format!("{}{}", self.align, if self.on_skin { " by the skin" } else { "" }),
             format!("reference frame {}{of} ({first}\u{2013}{last})", self.reference_frame),
             format!("scale {:.3}", self.scale),
             format!("yaw {:.0}°", self.yaw.round() + 0.0),

@@ -19,6 +19,7 @@ pub mod regions;
 mod segments;
 pub mod select;
 mod similarity;
+mod skin;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests;

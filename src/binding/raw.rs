@@ -140,6 +140,7 @@ pub(super) fn bind_found(
     let scan_unit = scan_unit(scan, body, options);
     let decisions = Decisions {
         align: Align::None,
+        on_skin: false,
         reference_frame: number,
         reference_range: take.range(),
         reference_capture: None,

@@ -32,8 +32,8 @@ const SAMPLES: usize = 300;
 /// Share of the best marker count that a reference frame shows.
 const COMPLETE: f64 = 0.92;
 
-/// The frame that the user names, or the nearest to the scan's pose.
-pub(crate) fn choose(
+/// The frame that the user names; or frames with most markers, the nearest to the scan's pose first. At least one.
+pub(crate) fn candidates(
     capture: &Capture,
     track: &Track<'_>,
     capture_up: DVec3,
@@ -41,10 +41,10 @@ pub(crate) fn choose(
     landed: &[Landed],
     held: Held,
     options: &Options,
-) -> Result<Chosen> {
+) -> Result<Vec<Chosen>> {
     if let Reference::Frame(number) = options.reference {
         let frame = frame_index(capture, track, number)?;
-        return placed(track, frame, capture_up, body, landed, held).ok_or_else(|| {
+        return placed(track, frame, capture_up, body, landed, held).map(|chosen| vec![chosen]).ok_or_else(|| {
             Error::refused("fewer than three named markers are there in the reference frame")
                 .file(&capture.source)
                 .at(format!("frame {number}"))
@@ -55,13 +55,14 @@ pub(crate) fn choose(
     let count = |&f: &usize| landed.iter().filter(|l| track.point(f, l.marker).is_some()).count();
     let most = frames.iter().map(count).max().unwrap_or(0);
     frames.retain(|f| count(f) as f64 >= COMPLETE * most as f64);
-    frames
-        .into_iter()
-        .filter_map(|f| placed(track, f, capture_up, body, landed, held))
-        .min_by(|a, b| a.rms.total_cmp(&b.rms))
-        .ok_or_else(|| {
+    let mut all: Vec<Chosen> = frames.into_iter().filter_map(|f| placed(track, f, capture_up, body, landed, held)).collect();
+    all.sort_by(|a, b| a.rms.total_cmp(&b.rms));
+    if all.is_empty() {
+        return Err(
             Error::new(Kind::Refused, "no frame shows three named markers that spread over the body").file(&capture.source)
-        })
+        );
+    }
+    Ok(all)
 }
 
 /// Index of a frame given in the capture's own numbering.

@@ -80,6 +80,7 @@ impl Setup {
         warn(console, &mut warnings, &scan.notes);
         warn(console, &mut warnings, &capture.notes);
         warn(console, &mut warnings, &binding.notes);
+        warn(console, &mut warnings, &unbound(&binding));
         binding_details(&binding).iter().for_each(|line| console.detail(line));
         let (proxy, remarks, notes) = built?;
         console.station("proxy", &remarks);
@@ -410,6 +411,20 @@ fn capture_counts(capture: &Capture, noun: &str) -> String {
     format!("{}, {} at {rate} Hz", words::plural(take.markers(), noun), words::plural(take.frames(), "frame"))
 }
 
+/// The markers that do not pull, by name.
+fn unbound(binding: &Binding) -> Notes {
+    const NAMED: usize = 6;
+    let mut notes = Notes::default();
+    if !binding.unbound.is_empty() {
+        let named: Vec<String> =
+            binding.unbound.iter().take(NAMED).map(|(label, reason)| format!("{label} ({reason})")).collect();
+        let more = binding.unbound.len().saturating_sub(NAMED);
+        let more = if more > 0 { format!(" and {more} more, see --verbose") } else { String::new() };
+        notes.warn(format!("{} not bound: {}{more}", words::plural(binding.unbound.len(), "marker"), named.join(", ")));
+    }
+    notes
+}
+
 /// One line per marker, for `--verbose`.
 fn binding_details(binding: &Binding) -> Vec<String> {
     let bound = binding.handles.iter().map(|h| {
@@ -426,6 +441,7 @@ fn binding_json(binding: &Binding) -> Value {
     let known = |value: String, how: crate::space::Evidence| json!({ "value": value, "from": how.to_string() });
     json!({
         "align": d.align.to_string(),
+        "on_skin": d.on_skin,
         "reference_frame": d.reference_frame,
         "reference_capture": d.reference_capture,
         "scale": d.scale,

@@ -13,6 +13,9 @@ const REBUILD: (u32, u32) = (8, 6);
 /// A step is taken back when the energy rises by more than this part of it.
 const RISE: f64 = 1e-13;
 
+/// A rise by less than this part is the doing of rotations that are not exact yet.
+const HARMLESS: f64 = 1e-6;
+
 /// The plain step is halved no further than to this part.
 const LEAST_STEP: f64 = 0.02;
 
@@ -147,11 +150,15 @@ impl Volumetric {
                     newton = 3;
                 }
                 let mut back = 0.5;
-                while next > limit && back > LEAST_STEP && self.blocks.bulk() > 0.0 {
+                while !(next <= limit) && back > LEAST_STEP && self.blocks.bulk() > 0.0 {
                     add_scaled(&mut self.memory.trial, back, &self.memory.plain);
                     back *= 0.5;
                     next = self.evaluate(Place::Trial, newton);
                     passes += 1;
+                }
+                if self.blocks.bulk() > 0.0 && !(next <= energy * (1.0 + HARMLESS) + rounding) {
+                    // No way down from here: the pose stays.
+                    return FrameStats { passes, step, converged: false, energy, ..Default::default() };
                 }
             }
             std::mem::swap(&mut self.p, &mut self.memory.trial);

@@ -18,7 +18,16 @@ pub(super) struct Element {
     /// `capped` times the stiffness times `1 + bulk`: the weight in the matrix. The energy has it over `1 + bulk`, so that the matrix bounds the
     /// curvature of the change of volume too.
     pub(super) weight: f64,
+    /// Weight of the change of volume against that of the deformation.
+    pub(super) bulk: f64,
 }
+
+/// The change of volume `g` counts as `g² / (1 + g² · SATURATION)`.
+const SATURATION: f64 = 0.25;
+
+/// Slivers stiffer than this many medians count less in the change of volume: a small move turns and stretches them without end, so that its
+/// curvature has no bound there, while their volume is next to nothing.
+const SLENDER: f64 = 3.0;
 
 /// Below this ratio of six volumes to the cube of the longest edge the gradients are rounding; such a tetrahedron is left out.
 const FLAT: f64 = 1e-7;
@@ -46,7 +55,14 @@ pub(super) fn elements(proxy: &Proxy, stiffness: &[f64], sliver_cap: f64, bulk: 
         let (ga, gb, gc) = (b.cross(c) / six_volumes, c.cross(a) / six_volumes, a.cross(b) / six_volumes);
         let volume = six_volumes.abs() / 6.0;
         let stiffness = stiffness.get(j).copied().unwrap_or(1.0);
-        elements.push(Element { corners, gradients: [ga, gb, gc, -(ga + gb + gc)], volume, capped: volume, weight: stiffness });
+        elements.push(Element {
+            corners,
+            gradients: [ga, gb, gc, -(ga + gb + gc)],
+            volume,
+            capped: volume,
+            weight: stiffness,
+            bulk,
+        });
     }
     cap_slivers(&mut elements, sliver_cap);
     for element in &mut elements {
@@ -64,7 +80,9 @@ fn cap_slivers(elements: &mut [Element], cap: f64) {
     let middle = entries.len() / 2;
     let median = *entries.select_nth_unstable_by(middle, f64::total_cmp).1;
     for element in elements {
-        let excess = entry(element) / (cap * median);
+        let medians = entry(element) / median;
+        element.bulk *= (SLENDER / medians).min(1.0);
+        let excess = medians / cap;
         if excess > 1.0 {
             element.capped = element.volume / excess;
         }
@@ -90,6 +108,7 @@ pub(super) struct Block {
     /// Zero in lanes that only fill up the last block.
     weight: Lanes,
     volume: Lanes,
+    bulk: Lanes,
 }
 
 /// The tetrahedra in blocks of four, in a fixed order.
@@ -116,6 +135,7 @@ impl Blocks {
                     gradients: std::array::from_fn(|k| gather(&|e| e.gradients[k / 3][k % 3])),
                     weight: filled(&|e| e.weight),
                     volume: filled(&|e| e.volume),
+                    bulk: filled(&|e| e.bulk),
                 }
             })
             .collect();
@@ -129,7 +149,7 @@ impl Blocks {
 
     /// `newton` steps of every rotation towards the deformation gradients of `p`, then energy and half its gradient by `p`, which is written to `g`.
     pub(super) fn pass(&self, p: &[Lanes], rotations: &mut [Quaternions], newton: u32, g: &mut [Lanes]) -> f64 {
-        pass(&self.list, p, rotations, newton, self.bulk, g)
+        pass(&self.list, p, rotations, newton, 1.0 / (1.0 + self.bulk), g)
     }
 
     /// Weight of the change of volume.
@@ -218,9 +238,8 @@ fn add_to_corners(places: &[[u32; 4]; 4], values: &[[Lanes; 3]; 4], sums: &mut [
 }
 
 for_each_instruction_set! {
-    fn pass(blocks: &[Block], p: &[Lanes], rotations: &mut [Quaternions], newton: u32, bulk: f64, g: &mut [Lanes]) -> f64 {
+    fn pass(blocks: &[Block], p: &[Lanes], rotations: &mut [Quaternions], newton: u32, relief: f64, g: &mut [Lanes]) -> f64 {
         g.fill(Lanes::ZERO);
-        let relief = 1.0 / (1.0 + bulk);
         let mut energy = Lanes::ZERO;
         for (block, rotation) in blocks.iter().zip(rotations) {
             let f = deformation(block, p);
@@ -233,9 +252,12 @@ for_each_instruction_set! {
             let weight = block.weight * relief;
             let cofactors = cofactors(&f);
             let growth = f[0] * cofactors[0] + f[1] * cofactors[1] + f[2] * cofactors[2] - Lanes::splat(1.0);
-            let pressure = growth * bulk;
+            // Beyond a doubling the term saturates, so that it never outgrows the others.
+            let bounded = Lanes::splat(1.0) / (Lanes::splat(1.0) + growth * growth * SATURATION);
+            let press = growth * bounded * block.bulk;
+            let pressure = press * bounded;
             let mut pull = [Lanes::ZERO; 9];
-            let mut square = growth * pressure;
+            let mut square = growth * press;
             for k in 0..9 {
                 let d = f[k] - r[k];
                 square += d * d;
