@@ -152,6 +152,32 @@ fn a_part_keeps_its_shape_by_whatever_it_is_called() {
 }
 
 #[test]
+fn a_handle_with_an_orientation_turns_the_scan() {
+    let work = tempfile::tempdir().unwrap();
+    write_bar(work.path());
+    // Two handles inside of the bar; the right one turns about the bar's axis by 60°, from an orientation that is not the identity.
+    let mut csv = "frame,name,x,y,z,qx,qy,qz,qw\n".to_owned();
+    for frame in 0..=6 {
+        let half = (20.0 + 10.0 * f64::from(frame)).to_radians() / 2.0;
+        writeln!(csv, "{frame},left,1,0,0,0,0,0,1\n{frame},right,11,0,0,{},0,0,{}", half.sin(), half.cos()).unwrap();
+    }
+    std::fs::write(work.path().join("turn.csv"), csv).unwrap();
+    retarget_ok(work.path(), ["bar.obj", "turn.csv", "-o", "out.pc2", "--proxy-vertices", "900"]);
+    let (rest, _) = bar();
+    let frames = read_pc2(&work.path().join("out.pc2"));
+    let angle = |from: f64, to: f64| {
+        let ring: Vec<usize> = (0..rest.len()).filter(|&v| (from..=to).contains(&rest[v][0])).collect();
+        let turns = ring.iter().map(|&v| {
+            let ([_, y, z], [_, v, w]) = (rest[v], wide(frames[6][v]));
+            (y * w - z * v).atan2(y * v + z * w).to_degrees()
+        });
+        turns.sum::<f64>() / ring.len() as f64
+    };
+    let [left, middle, right] = [angle(0.9, 1.1), angle(5.9, 6.1), angle(10.9, 11.1)];
+    assert!(left.abs() < 3.0 && (right - 60.0).abs() < 3.0 && (middle - 30.0).abs() < 3.0, "{left} {middle} {right}");
+}
+
+#[test]
 fn parts_that_are_not_there_are_refused_with_what_is() {
     let work = tempfile::tempdir().unwrap();
     write_bar(work.path());
@@ -269,7 +295,7 @@ fn tables_that_do_not_belong_to_the_scan_are_refused() {
     let cases: [(&[&str], String, i32, [&str; 2]); 7] = [
         (&["bar.obj", "t.csv"], "frame,name,x,y\n".to_owned(), 1, ["line 1", "column z is missing"]),
         (&["bar.obj", "t.csv"], format!("{h}\n0,a,0,0,0\n0,b,1,2\n"), 1, ["t.csv", "line 3"]),
-        (&["bar.obj", "t.csv"], format!("{h},qx,qy,qz,qw\n0,a,0,0,0,0,0,0,1\n"), 1, ["orientations", "line 1"]),
+        (&["bar.obj", "t.csv"], format!("{h},qx,qy,qz,qw\n0,a,0,0,0,0,0,0,9\n"), 1, ["length 9", "line 2"]),
         (&["bar.obj", "t.csv"], format!("{h}\n0,a,0,9000,0\n"), 3, ["handle a rests", "coordinates and unit"]),
         (&["bar.obj", "gone.csv"], String::new(), 1, ["gone.csv", "cannot read"]),
         (&[&scan, &take, "--handles", "t.csv"], format!("{h}\n1,LFHD,0,1,0\n"), 2, ["LFHD", "name of a marker"]),

@@ -1,4 +1,6 @@
 //! Handles from a table: they rest where they are in their first frame, and go where the table says.
+//!
+//! A handle with an orientation holds the scan by four points that move with it, its own and the ends of three axes.
 
 use super::bind::scan_unit;
 use super::landmarks::Body;
@@ -9,12 +11,14 @@ use crate::capture::handles_csv::HandleTable;
 use crate::capture::{Capture, Motion};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::space::{Evidence, Known};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 /// Distance off the scan at rest, in diagonals, beyond which the table is not in the scan's space.
 const ELSEWHERE: f64 = 0.5;
 /// The same beyond which a handle moves the scan like a long lever.
 const LEVER: f64 = 0.1;
+/// Length of the axes by which a turning handle holds the scan, in diagonals.
+const AXES: f64 = 0.03;
 
 /// A binding without markers, for scans that handles alone move; the capture's space is the unit box.
 pub fn unbound(scan: &ScanShape<'_>, body: Option<&Body>, table: &HandleTable, options: &Options) -> Binding {
@@ -27,6 +31,7 @@ pub fn unbound(scan: &ScanShape<'_>, body: Option<&Body>, table: &HandleTable, o
     let up = up.or(scan.space.up.map(|up| said(up.value, up.how))).or(body.map(|b| Known::new(b.up, Evidence::Shape)));
     let decisions = Decisions {
         align: Align::None,
+        on_skin: false,
         reference_frame: table.first_frame,
         reference_range: (table.first_frame, table.first_frame + table.frames() as i64 - 1),
         reference_capture: None,
@@ -88,15 +93,16 @@ pub fn add_handles(scan: &ScanShape<'_>, capture: &mut Capture, binding: &mut Bi
         ));
     }
 
-    let (old, new) = (take.labels.len(), table.names.len());
+    let old = take.labels.len();
     let mut far = Vec::new();
+    let mut held = Vec::new();
     for (h, name) in table.names.iter().enumerate() {
-        let Some(rest) = table.rest(h) else { continue };
+        let Some((rest, turn)) = table.rest(h) else { continue };
         let attachment = scan.unit_box.enter(rest);
         let distance = scan.tree.closest(attachment).map_or(0.0, |c| c.distance);
         let outside = scan.tree.winding(attachment).abs() < 0.5;
         if outside && distance > ELSEWHERE {
-            return Err(Error::refused(format!("handle {name} rests {:.1} diagonals away from the scan", distance))
+            return Err(Error::refused(format!("handle {name} rests {distance:.1} diagonals away from the scan"))
                 .file(&table.source)
                 .expected("places in the scan's own coordinates and unit, at rest in the first frame")
                 .hint("retarget inspect SCAN says where the scan lies"));
@@ -104,25 +110,49 @@ pub fn add_handles(scan: &ScanShape<'_>, capture: &mut Capture, binding: &mut Bi
         if outside && distance > LEVER {
             far.push(format!("{name} {:.0} %", 100.0 * distance));
         }
-        binding.handles.push(BoundMarker { label: name.clone(), marker: old + h, attachment, segment: None, beta: 1.0 });
+        let axes: &[(&str, DVec3)] = if table.oriented[h] { &AXIS_ENDS } else { &AXIS_ENDS[..1] };
+        for &(ending, axis) in axes {
+            held.push(Held { handle: h, axis, unturn: turn.inverse() });
+            binding.handles.push(BoundMarker {
+                label: format!("{name}{ending}"),
+                marker: old + held.len() - 1,
+                attachment: attachment + axis * AXES,
+                segment: None,
+                beta: 1.0,
+            });
+        }
     }
     if !far.is_empty() {
         notes.warn(format!("handles that rest far off the scan (of its diagonal): {}", far.join(", ")));
     }
 
-    let mut points = Vec::with_capacity(frames * (old + new));
+    let mut points = Vec::with_capacity(frames * (old + held.len()));
     for frame in 0..frames {
         points.extend_from_slice(&take.points[frame * old..(frame + 1) * old]);
         let row = usize::try_from(first + frame as i64 - table.first_frame).ok().filter(|&row| row < table.frames());
-        for h in 0..new {
-            let place = row.map_or(DVec3::NAN, |row| table.points[row * new + h]);
-            let place = binding.placement.undo(scan.unit_box.enter(place));
-            points.push(place.to_array().map(|x| x as f32));
+        for h in &held {
+            let place = row.map_or(DVec3::NAN, |row| {
+                let cell = row * table.names.len() + h.handle;
+                scan.unit_box.enter(table.points[cell]) + table.turns[cell] * (h.unturn * h.axis) * AXES
+            });
+            points.push(binding.placement.undo(place).to_array().map(|x| x as f32));
         }
     }
     take.points = points;
-    take.labels.extend(table.names.iter().cloned());
+    take.labels.extend(binding.handles.iter().skip(binding.handles.len() - held.len()).map(|h| h.label.clone()));
     capture.first_frame = first;
     binding.notes.extend(notes);
     Ok(())
 }
+
+/// A point by which a handle holds the scan.
+struct Held {
+    /// Row of names in the table.
+    handle: usize,
+    /// From the handle at rest, in lengths of the axes.
+    axis: DVec3,
+    /// Undoes the orientation at rest.
+    unturn: DQuat,
+}
+
+const AXIS_ENDS: [(&str, DVec3); 4] = [("", DVec3::ZERO), (" x", DVec3::X), (" y", DVec3::Y), (" z", DVec3::Z)];

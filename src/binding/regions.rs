@@ -35,15 +35,8 @@ impl Rules {
 
     /// Adds what suits a person, where the parts of the body are known: rigid head, hands and feet, for flat soles and steady faces.
     pub fn rigid_ends(&mut self, binding: &Binding) {
-        if knows_parts(binding) {
+        if !binding.segments.is_empty() && binding.decisions.scan_height.is_some() {
             ["head", "hands", "feet"].iter().filter_map(|w| w.parse().ok()).for_each(|what| self.rigid(what));
-        }
-    }
-
-    /// Adds stiff shafts of the upper arms, where the parts of the body are known: they bow like hoses otherwise.
-    pub fn straight_arms(&mut self, binding: &Binding) {
-        if knows_parts(binding) {
-            "upper_arms=3".parse().into_iter().for_each(|rule| self.stiffness(rule));
         }
     }
 
@@ -51,10 +44,6 @@ impl Rules {
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
-}
-
-fn knows_parts(binding: &Binding) -> bool {
-    !binding.segments.is_empty() && binding.decisions.scan_height.is_some()
 }
 
 /// Parts of the proxy.

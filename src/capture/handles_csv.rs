@@ -1,12 +1,13 @@
-//! Tables of handles: `frame,name,x,y,z`, one row per handle and frame, in the scan's coordinates and unit.
+//! Tables of handles: `frame,name,x,y,z[,qx,qy,qz,qw]`, one row per handle and frame, in the scan's coordinates and unit.
 //!
 //! The first line names the columns, in any order. Empty lines and lines that begin with `#` are passed over; a name with a comma stands
-//! in double quotes. A handle without a row in a frame, or with three empty coordinates, is missing there.
+//! in double quotes. A handle without a row in a frame, or with three empty coordinates, is missing there. A handle whose rows have the
+//! four numbers of a unit quaternion turns the scan too; with four empty ones it is a point.
 
 use super::{Capture, Cleaning, MarkerTake, Motion};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::space::Space;
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
@@ -26,6 +27,10 @@ pub struct HandleTable {
     pub first_frame: i64,
     /// Frame-major places in the scan's coordinates and unit, `frames × names`; missing ones are NaN.
     pub points: Vec<DVec3>,
+    /// Orientations, as `points`; of handles that are points the identity.
+    pub turns: Vec<DQuat>,
+    /// Whether each handle has an orientation.
+    pub oriented: Vec<bool>,
     /// The file it came from.
     pub source: PathBuf,
 }
@@ -48,9 +53,10 @@ impl HandleTable {
         self.points.len() / self.names.len().max(1)
     }
 
-    /// Where a handle is in the first frame that has it: its place at rest.
-    pub fn rest(&self, handle: usize) -> Option<DVec3> {
-        self.points.iter().skip(handle).step_by(self.names.len().max(1)).copied().find(|p| p.is_finite())
+    /// Where a handle is and how it is turned in the first frame that has it: its place at rest.
+    pub fn rest(&self, handle: usize) -> Option<(DVec3, DQuat)> {
+        let cells = (handle..self.points.len()).step_by(self.names.len().max(1));
+        cells.map(|cell| (self.points[cell], self.turns[cell])).find(|(p, _)| p.is_finite())
     }
 
     /// A capture of as many frames without markers, for scans that are moved by handles alone.
@@ -70,7 +76,8 @@ impl HandleTable {
     fn gather<R: BufRead>(rows: Rows<R>) -> Result<Self> {
         let mut columns: BTreeMap<String, usize> = BTreeMap::new();
         let mut names: Vec<String> = Vec::new();
-        let mut cells: BTreeMap<(i64, usize), (DVec3, usize)> = BTreeMap::new();
+        let mut cells: BTreeMap<(i64, usize), Row> = BTreeMap::new();
+        let mut oriented: Vec<Option<bool>> = Vec::new();
         for row in rows {
             let row = row?;
             let column = match columns.get(&row.name) {
@@ -81,20 +88,26 @@ impl HandleTable {
                     names.len() - 1
                 }
             };
-            if let Some((_, first)) = cells.insert((row.frame, column), (row.position.unwrap_or(DVec3::NAN), row.line)) {
+            oriented.resize(names.len(), None);
+            if row.position.is_some() && *oriented[column].get_or_insert(row.turn.is_some()) != row.turn.is_some() {
+                return Err(Error::malformed(format!("handle {} has an orientation in some rows only", row.name))
+                    .at(format!("line {}", row.line))
+                    .expected("qx, qy, qz, qw in all of its rows or in none"));
+            }
+            if let Some(first) = cells.get(&(row.frame, column)) {
                 return Err(Error::malformed(format!("handle {} has a second place in frame {}", row.name, row.frame))
                     .at(format!("line {}", row.line))
-                    .expected(format!("one row for each handle and frame; the other is in line {first}")));
+                    .expected(format!("one row for each handle and frame; the other is in line {}", first.line)));
             }
+            cells.insert((row.frame, column), row);
         }
-        let placed = |column: usize| cells.iter().any(|((_, c), (p, _))| *c == column && p.is_finite());
-        if let Some(nowhere) = (0..names.len()).find(|&c| !placed(c)) {
+        if let Some(nowhere) = oriented.iter().position(Option::is_none) {
             return Err(Error::malformed(format!("handle {} has no place in any frame", names[nowhere])));
         }
-        let (Some(((first, _), _)), Some(((last, _), (_, line)))) = (cells.first_key_value(), cells.last_key_value()) else {
+        let (Some(((first, _), _)), Some(((last, _), row))) = (cells.first_key_value(), cells.last_key_value()) else {
             return Err(Error::malformed("there is no row below the header").expected("frame,name,x,y,z rows"));
         };
-        let (first, last, line) = (*first, *last, *line);
+        let (first, last, line) = (*first, *last, row.line);
         let size = last.checked_sub(first).and_then(|span| usize::try_from(span).ok()?.checked_add(1)?.checked_mul(names.len()));
         let size = size.filter(|size| size / EMPTIEST <= cells.len()).ok_or_else(|| {
             Error::malformed(format!("{} rows for the frames {first} to {last}", cells.len()))
@@ -102,11 +115,15 @@ impl HandleTable {
                 .expected("frames that are numbered one after the other")
         })?;
         let mut points = vec![DVec3::NAN; size];
-        for ((frame, column), (p, _)) in &cells {
+        let mut turns = vec![DQuat::IDENTITY; size];
+        for ((frame, column), row) in &cells {
             // Within the size that was checked above.
-            points[(frame - first) as usize * names.len() + column] = *p;
+            let cell = (frame - first) as usize * names.len() + column;
+            points[cell] = row.position.unwrap_or(DVec3::NAN);
+            turns[cell] = row.turn.unwrap_or(DQuat::IDENTITY);
         }
-        Ok(Self { names, first_frame: first, points, source: PathBuf::new() })
+        let oriented = oriented.into_iter().map(|o| o == Some(true)).collect();
+        Ok(Self { names, first_frame: first, points, turns, oriented, source: PathBuf::new() })
     }
 }
 
@@ -121,6 +138,8 @@ pub struct Row {
     pub name: String,
     /// Its place; `None` where it is missing.
     pub position: Option<DVec3>,
+    /// Its orientation, if it has one.
+    pub turn: Option<DQuat>,
 }
 
 /// Reads a table row by row, for streams.
@@ -130,12 +149,17 @@ pub struct Rows<R> {
     line: usize,
     /// Columns of frame, name, x, y, z.
     columns: [usize; 5],
+    /// Columns of qx, qy, qz, qw.
+    turn: Option<[usize; 4]>,
     fields: usize,
     buffer: Vec<u8>,
 }
 
 const COLUMNS: [&str; 5] = ["frame", "name", "x", "y", "z"];
-const HEADER: &str = "a first line 'frame,name,x,y,z'";
+const TURN: [&str; 4] = ["qx", "qy", "qz", "qw"];
+const HEADER: &str = "a first line 'frame,name,x,y,z' or 'frame,name,x,y,z,qx,qy,qz,qw'";
+/// Farther from length 1 a quaternion is hardly meant as an orientation.
+const UNIT: f64 = 0.01;
 
 impl<R: BufRead> Rows<R> {
     /// Reads the header.
@@ -143,7 +167,7 @@ impl<R: BufRead> Rows<R> {
     /// # Errors
     /// A header that is not there or has other columns.
     pub fn new(reader: R) -> Result<Self> {
-        let mut rows = Self { reader, line: 0, columns: [0; 5], fields: 0, buffer: Vec::new() };
+        let mut rows = Self { reader, line: 0, columns: [0; 5], turn: None, fields: 0, buffer: Vec::new() };
         let Some(header) = rows.next_fields()? else {
             return Err(Error::malformed("the table is empty").expected(HEADER));
         };
@@ -152,24 +176,27 @@ impl<R: BufRead> Rows<R> {
         if header.len() == 1 && header[0].contains([';', '\t']) {
             return Err(here(Error::malformed("the columns are not parted by commas")));
         }
-        if header.iter().any(|name| ["qx", "qy", "qz", "qw"].contains(&name.as_str())) {
-            return Err(here(Error::new(Kind::Unsupported, "orientations of handles (qx, qy, qz, qw) are not read yet"))
-                .hint("leave the four columns out: three handles near each other turn a part as well"));
-        }
-        if let Some(unknown) = header.iter().find(|name| !COLUMNS.contains(&name.as_str())) {
+        if let Some(unknown) = header.iter().find(|name| !COLUMNS.iter().chain(&TURN).any(|known| known == name)) {
             let what = if unknown.parse::<f64>().is_ok() { "there is no header line" } else { "unknown column" };
             return Err(here(Error::malformed(format!("{what}: '{unknown}'"))));
         }
-        if let Some(twice) = COLUMNS.iter().find(|name| header.iter().filter(|h| h == *name).count() > 1) {
+        if let Some(twice) = COLUMNS.iter().chain(&TURN).find(|name| header.iter().filter(|h| h == *name).count() > 1) {
             return Err(here(Error::malformed(format!("column {twice} stands twice"))));
         }
+        let find = |name: &str| {
+            let column = header.iter().position(|h| h == name);
+            column.ok_or_else(|| here(Error::malformed(format!("column {name} is missing"))))
+        };
         let mut columns = [0; 5];
         for (column, name) in columns.iter_mut().zip(COLUMNS) {
-            *column = header
-                .iter()
-                .position(|h| h == name)
-                .ok_or_else(|| here(Error::malformed(format!("column {name} is missing"))))?;
+            *column = find(name)?;
         }
+        let mut turn = [0; 4];
+        let turns = header.iter().any(|name| TURN.contains(&name.as_str()));
+        for (column, name) in turn.iter_mut().zip(TURN).filter(|_| turns) {
+            *column = find(name)?;
+        }
+        rows.turn = turns.then_some(turn);
         (rows.columns, rows.fields) = (columns, header.len());
         Ok(rows)
     }
@@ -213,21 +240,37 @@ impl<R: BufRead> Rows<R> {
         if name.is_empty() {
             return Err(Error::malformed("the handle has no name"));
         }
-        let texts = [2, 3, 4].map(|k| fields[self.columns[k]].trim());
-        let position = if texts.iter().all(|t| t.is_empty()) {
-            None
-        } else {
-            let mut p = DVec3::ZERO;
-            for (k, text) in texts.iter().enumerate() {
-                p[k] = text.parse().ok().filter(|x: &f64| x.is_finite()).ok_or_else(|| {
-                    Error::malformed(format!("{} '{text}' of handle {name}", COLUMNS[k + 2]))
-                        .expected("a number, or three empty coordinates where the handle is missing")
-                })?;
-            }
-            Some(p)
+        let [_, _, x, y, z] = self.columns;
+        let position = numbers(fields, [x, y, z], ["x", "y", "z"], name)?.map(DVec3::from_array);
+        let turn = match self.turn {
+            Some(columns) => numbers(fields, columns, TURN, name)?.map(DQuat::from_array),
+            None => None,
         };
-        Ok(Row { line: self.line, frame, name: name.to_owned(), position })
+        if let Some(q) = turn
+            && (q.length() - 1.0).abs() > UNIT
+        {
+            return Err(
+                Error::malformed(format!("the quaternion of handle {name} has length {:.3}", q.length())).expected("length 1")
+            );
+        }
+        Ok(Row { line: self.line, frame, name: name.to_owned(), position, turn: turn.map(DQuat::normalize) })
     }
+}
+
+/// Some fields as numbers; `None` where all are empty.
+fn numbers<const N: usize>(fields: &[String], columns: [usize; N], names: [&str; N], handle: &str) -> Result<Option<[f64; N]>> {
+    let texts = columns.map(|column| fields[column].trim());
+    if texts.iter().all(|t| t.is_empty()) {
+        return Ok(None);
+    }
+    let mut values = [0.0; N];
+    for ((value, text), name) in values.iter_mut().zip(texts).zip(names) {
+        *value = text.parse().ok().filter(|x: &f64| x.is_finite()).ok_or_else(|| {
+            Error::malformed(format!("{name} '{text}' of handle {handle}"))
+                .expected(format!("a number, or {N} empty fields where there is nothing"))
+        })?;
+    }
+    Ok(Some(values))
 }
 
 impl<R: BufRead> Iterator for Rows<R> {
@@ -291,13 +334,18 @@ mod tests {
         assert_eq!(t.points[1], DVec3::new(4.0, 5.0, 6.0));
         assert_eq!(t.points[4], DVec3::new(1.0, 2.0, 3.0));
         assert_eq!(t.points.iter().filter(|p| p.is_finite()).count(), 2);
-        assert_eq!(t.rest(0), Some(DVec3::new(1.0, 2.0, 3.0)));
-        assert_eq!(t.rest(1), Some(DVec3::new(4.0, 5.0, 6.0)));
+        assert_eq!(t.rest(0), Some((DVec3::new(1.0, 2.0, 3.0), DQuat::IDENTITY)));
+        assert_eq!(t.rest(1), Some((DVec3::new(4.0, 5.0, 6.0), DQuat::IDENTITY)));
+        assert_eq!(t.oriented, [false, false]);
+        let t = table("frame,name,x,y,z,qx,qy,qz,qw\n1,a,0,0,0,,,,\n1,b,0,0,0,0.6,0,0,0.8\n2,b,,,,,,,\n").unwrap();
+        assert_eq!(t.oriented, [false, true]);
+        assert_eq!(t.rest(1), Some((DVec3::ZERO, DQuat::from_xyzw(0.6, 0.0, 0.0, 0.8))));
     }
 
     #[test]
     fn mistakes_are_told_with_their_line() {
         let h = "frame,name,x,y,z\n";
+        let q = "frame,name,x,y,z,qx,qy,qz,qw\n";
         for (text, words) in [
             (String::new(), ["empty", "frame,name,x,y,z"]),
             ("1,a,0,0,0\n".into(), ["no header", "line 1"]),
@@ -305,7 +353,10 @@ mod tests {
             ("frame,name,x,y\n".into(), ["column z is missing", "line 1"]),
             ("frame,name,x,y,z,w\n".into(), ["unknown column: 'w'", "line 1"]),
             ("frame,name,x,y,z,x\n".into(), ["x stands twice", "line 1"]),
-            ("\nframe,name,x,y,z,qx,qy,qz,qw\n".into(), ["orientations", "line 2"]),
+            ("\nframe,name,x,y,z,qx,qy,qz\n".into(), ["column qw is missing", "line 2"]),
+            (format!("{q}1,a,0,0,0,0,0,0,2\n"), ["length 2.000", "line 2"]),
+            (format!("{q}1,a,0,0,0,0,0,,1\n"), ["qz '' of handle a", "line 2"]),
+            (format!("{q}1,a,0,0,0,0,0,0,1\n2,a,0,0,0,,,,\n"), ["in some rows only", "line 3"]),
             (h.into(), ["no row", "frame,name,x,y,z"]),
             (format!("{h}1,a,0,0\n"), ["4 fields", "line 2"]),
             (format!("{h}1,a,0,0,0\n\n1.5,a,0,0,0\n"), ["frame '1.5'", "line 4"]),

@@ -278,17 +278,10 @@ const GRIP: f64 = 4.0;
 /// What is rigid or stiffer: what suits a body, unless `none` is said, and what the user says.
 fn rules(args: &Animate, binding: &Binding) -> Rules {
     let mut rules = Rules::default();
-    if !args.stiffness.contains(&OrNone::None) && !is_table(&args.capture) {
-        rules.straight_arms(binding);
-    }
     if !args.rigid.contains(&OrNone::None) && !is_table(&args.capture) {
         rules.rigid_ends(binding);
     }
-    for rule in &args.stiffness {
-        if let OrNone::This(rule) = rule {
-            rules.stiffness(rule.clone());
-        }
-    }
+    args.stiffness.iter().for_each(|rule| rules.stiffness(rule.clone()));
     for what in &args.rigid {
         if let OrNone::This(what) = what {
             rules.rigid(what.clone());

@@ -61,8 +61,8 @@ pub struct Animate {
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
 
-    /// Handles to pull the scan by, beside the markers: rows of frame,name,x,y,z in the scan's coordinates and unit, under a line with
-    /// these names. A handle is fixed to the scan where it is in its first frame; without a row it is missing in that frame
+    /// Handles to pull the scan by, beside the markers: rows of frame,name,x,y,z\[,qx,qy,qz,qw\] in the scan's coordinates and unit,
+    /// under a line with these names. A handle is fixed to the scan as it is in its first frame; without a row it is missing in that frame
     #[arg(long, value_name = "FILE.csv")]
     pub handles: Option<PathBuf>,
 
@@ -126,13 +126,12 @@ pub struct Animate {
     /// How scan vertices and handles follow the proxy: ring-averaged gradients, or the paper's formulas to the letter
     #[arg(long, value_enum, default_value_t = Map::Ring, help_heading = "Proxy")]
     pub map: Map,
-    /// Keep the shape of a part of the scan, for example hands or group:armor_* (repeatable; none: not even what suits a body)
+    /// Keep the shape of a part of the scan, for example hands or group:armor_* (repeatable, beside head, hands and feet of a person; none: not these)
     #[arg(long, value_name = "WHAT", help_heading = "Parts")]
     pub rigid: Vec<OrNone<Selector>>,
-    /// Make a part of the scan stiffer (above 1) or softer, for example upper_arms=10 (repeatable, later ones win; none: not even what
-    /// suits a body)
+    /// Make a part of the scan stiffer (above 1) or softer, for example upper_arms=3 against arms that bow (repeatable, later ones win)
     #[arg(long, value_name = "WHAT=X", help_heading = "Parts")]
-    pub stiffness: Vec<OrNone<Stiffness>>,
+    pub stiffness: Vec<Stiffness>,
 
     /// How far each frame is solved
     #[arg(long, value_enum, default_value_t = QualityArg::Default, help_heading = "Solve")]
