@@ -414,7 +414,7 @@ pub fn select(first_frame: i64, frames: usize, wanted: Option<(i64, i64)>) -> Re
     if b < first_frame || a > last {
         return Err(Error::new(Kind::Usage, format!("--frames {a}..{b}: the take has no such frame"))
             .expected(format!("a range within {first_frame}..{last}"))
-            .hint(format!("--frames {}..{}", a.clamp(first_frame, last), b.clamp(first_frame, last))));
+            .hint(format!("--frames {first_frame}..{last}")));
     }
     Ok((a.max(first_frame) - first_frame) as usize..(b.min(last) - first_frame + 1) as usize)
 }

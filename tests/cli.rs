@@ -67,27 +67,18 @@ fn all_formats_come_from_one_solve_and_agree() {
 #[test]
 fn one_and_two_threads_write_the_same_bytes() {
     let work = tempfile::tempdir().unwrap();
+    // The same names, in a folder for each: a GLB carries its own.
     let outputs = |n: &str| {
-        let arguments = [
-            "-o",
-            &format!("{n}.glb"),
-            "-o",
-            &format!("{n}.pc2"),
-            "-o",
-            &format!("{n}/f_####.ply"),
-            "-o",
-            &format!("{n}/g_####.obj"),
-        ]
-        .map(String::from);
-        let mut all = short(&["--threads", n, "--report", &format!("{n}.json")]);
-        all.extend(arguments);
-        retarget_ok(work.path(), all);
+        let folder = work.path().join(n);
+        std::fs::create_dir(&folder).unwrap();
+        let outputs = ["-o", "a.glb", "-o", "a.pc2", "-o", "f_####.ply", "-o", "g_####.obj"];
+        retarget_ok(&folder, short(&[&["--threads", n, "--report", "r.json"][..], &outputs].concat()));
     };
     outputs("1");
     outputs("2");
     let bytes = |name: String| std::fs::read(work.path().join(name)).unwrap();
-    for ending in [".glb", ".pc2", "/f_0007.ply", "/g_0012.obj"] {
-        assert!(bytes(format!("1{ending}")) == bytes(format!("2{ending}")), "{ending} depends on the number of threads");
+    for name in ["a.glb", "a.pc2", "f_0007.ply", "g_0012.obj"] {
+        assert!(bytes(format!("1/{name}")) == bytes(format!("2/{name}")), "{name} depends on the number of threads");
     }
     let report = |name: &str| {
         let mut value: serde_json::Value = serde_json::from_slice(&bytes(name.to_owned())).unwrap();
@@ -100,7 +91,7 @@ fn one_and_two_threads_write_the_same_bytes() {
         }
         value
     };
-    assert_eq!(report("1.json"), report("2.json"));
+    assert_eq!(report("1/r.json"), report("2/r.json"));
 }
 
 #[test]

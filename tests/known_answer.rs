@@ -24,6 +24,9 @@ const POSES: [&str; 12] = [
     "11_forward_bend",
 ];
 
+/// Mean vertex error at a pose, in heights. 2 % is what the program promises; the worst pose has 0.63 %.
+const LIMIT: f64 = 0.01;
+
 /// Frames from one pose to the next.
 const STEP: usize = 60;
 
@@ -128,13 +131,17 @@ fn a_body_follows_glued_markers_through_its_example_poses() {
     let frames = common::read_pc2(&work.path().join("poses.pc2"));
     assert_eq!(frames.len(), (POSES.len() - 1) * STEP + 1);
     let height = 1.748;
-    // The placement brings the take onto the scan's rest pose, so the poses come back in the scan's own space.
+    // The take shows the rest pose, and the placement brings it there: so the poses come back in the scan's own space, place and size included.
+    let mut beyond = Vec::new();
     for (k, pose) in poses.iter().enumerate() {
         let frame = &frames[k * STEP];
         let error = |(p, q): (&[f32; 3], &DVec3)| DVec3::from(p.map(f64::from)).distance(*q);
         let mean = frame.iter().zip(pose).map(error).sum::<f64>() / pose.len() as f64;
         let worst = frame.iter().zip(pose).map(error).fold(0.0, f64::max);
         eprintln!("{:<24} mean {:.2} %  worst {:.1} % of the height", POSES[k], mean / height * 100.0, worst / height * 100.0);
-        assert!(mean <= 0.02 * height, "{}: mean error {:.2} % of the height", POSES[k], mean / height * 100.0);
+        if mean > LIMIT * height {
+            beyond.push(POSES[k]);
+        }
     }
+    assert!(beyond.is_empty(), "mean error beyond {LIMIT} of the height in {beyond:?}");
 }

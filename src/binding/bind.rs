@@ -437,7 +437,8 @@ impl Human<'_> {
             handles.push(BoundMarker { label, marker, attachment, segment: Some(segment), beta: if soft { SOFT } else { 1.0 } });
         }
         if !doubtful.is_empty() {
-            notes.warn(format!("{} doubtful markers pull softly: {}", doubtful.len(), doubtful.join(", ")));
+            let s = if doubtful.len() == 1 { "marker pulls" } else { "markers pull" };
+            notes.warn(format!("{} doubtful {s} softly: {}", doubtful.len(), doubtful.join(", ")));
         }
         if handles.is_empty() {
             return Err(Error::refused("no marker can be bound to the scan").file(&take.capture.source));

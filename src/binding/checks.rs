@@ -13,10 +13,15 @@ const FEWEST_NAMED: usize = 10;
 
 /// The refusal of a scan that is no person.
 pub(super) fn no_body(reason: &NotHuman) -> Error {
-    let numbers = reason.margin_and_cost.map_or(String::new(), |(margin, cost)| format!(" (margin {margin:.2}, cost {cost:.2})"));
-    Error::refused(format!("no human body is recognised in the scan: {}{numbers}", reason.reason))
-        .expected("an upright person with arms and legs apart (margin 0.15 or more, cost up to 0.45)")
-        .hint("--align none when the scan is where the capture's markers are")
+    let expected = match reason.margin_and_cost {
+        Some((margin, cost)) => format!(
+            "an upright person with arms and legs apart: margin 0.15 or more (it is {margin:.2}), cost up to 0.45 (it is {cost:.2})"
+        ),
+        None => "an upright person with arms and legs apart".to_owned(),
+    };
+    Error::refused(format!("no human body is recognised in the scan: {}", reason.reason))
+        .expected(expected)
+        .hint("a scan in T or A pose; or --align none if the scan lies where the capture's markers are")
 }
 
 /// Enough known labels, and enough of them on the trunk.
@@ -28,10 +33,10 @@ pub(super) fn labels(take: &Take<'_>) -> Result<()> {
     }
     let unknown: Vec<&str> =
         (0..take.track.take.markers()).filter(|&i| take.names.places[i].is_none()).take(6).map(|i| take.label(i)).collect();
+    let unknown = if unknown.is_empty() { String::new() } else { format!(" (unknown: {})", unknown.join(", ")) };
     Err(Error::refused(format!(
-        "{named} of {} labels name a place on the body, {core} of them on trunk and pelvis (unknown: {})",
-        take.track.take.markers(),
-        unknown.join(", ")
+        "{named} of {} labels name a place on the body, {core} of them on trunk and pelvis{unknown}",
+        take.track.take.markers()
     ))
     .file(&take.capture.source)
     .expected(format!("{FEWEST_NAMED} known labels, 4 of them on trunk and pelvis"))

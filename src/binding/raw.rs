@@ -123,7 +123,7 @@ pub(super) fn bind_found(
             .file(&take.capture.source)
             .at(format!("frame {number}"))
             .expected("a capture in the space of the scan")
-            .hint("--align auto, --capture-unit, or --ref N with a frame in which they meet"));
+            .hint("--capture-unit or --scan-unit, or --ref N with a frame in which they meet"));
     }
     let mut notes = Notes::default();
     if let Some(body) = body

@@ -33,13 +33,6 @@ impl Rules {
         self.0.push(Rule { what: rule.what, factor: rule.factor, rigid: false });
     }
 
-    /// Adds what suits a person, where the parts of the body are known: rigid head, hands and feet, for flat soles and steady faces.
-    pub fn rigid_ends(&mut self, binding: &Binding) {
-        if !binding.segments.is_empty() && binding.decisions.scan_height.is_some() {
-            ["head", "hands", "feet"].iter().filter_map(|w| w.parse().ok()).for_each(|what| self.rigid(what));
-        }
-    }
-
     /// Whether nothing is asked for.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()

@@ -6,7 +6,7 @@
 //! | `color:#rrggbb[~TOLERANCE]` | vertex colour, every channel within TOLERANCE of 255 (default 10) |
 //! | `sphere:X,Y,Z,R` | a ball, in the scan's coordinates and unit |
 //! | `near:HANDLE[,HANDLE…]` | what is nearer to these handles than to any other |
-//! | `part:WORD`, or the word alone | a part of a body: `head`, `trunk`, `pelvis`, `hands`, `left_hand`, … |
+//! | `part:WORD`, or the word alone | a part of a body: `ends` (head, hands and feet), `head`, `trunk`, `pelvis`, `hands`, `left_hand`, … |
 //!
 //! Joints stay free: of a part of a body, what lies within [`ROUND_JOINTS`] statures of a joint to another part is left out.
 
@@ -56,9 +56,10 @@ pub enum What {
 }
 
 /// The words for parts of a body. Pairs are two parts each, which move on their own.
-const PARTS: [(&str, &[&[Segment]]); 28] = {
+const PARTS: [(&str, &[&[Segment]]); 29] = {
     use Segment::*;
     [
+        ("ends", &[&[Head], &[LeftHand], &[RightHand], &[LeftFoot], &[RightFoot]]),
         ("head", &[&[Head]]),
         ("trunk", &[&[Trunk]]),
         ("pelvis", &[&[Pelvis]]),
@@ -278,23 +279,6 @@ impl FromStr for Stiffness {
     }
 }
 
-/// Something, or the word `none`.
-#[derive(Clone, Debug, PartialEq)]
-pub enum OrNone<T> {
-    /// `none`.
-    None,
-    /// Anything else.
-    This(T),
-}
-
-impl<T: FromStr<Err = String>> FromStr for OrNone<T> {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        if text.trim().eq_ignore_ascii_case("none") { Ok(OrNone::None) } else { text.parse().map(OrNone::This) }
-    }
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
@@ -322,7 +306,7 @@ mod tests {
             ("part:left_hnad", "'left_hand'"),
             ("grup:shoes", "'group:'"),
             ("xyzzyx:1", "group:, color:, sphere:, near:, part:"),
-            ("part:", "expected one of head, trunk"),
+            ("part:", "expected one of ends, head, trunk"),
             ("group:", "group:shoes"),
             ("color:#12345", "six hexadecimal digits"),
             ("color:#12345g", "six hexadecimal digits"),
@@ -350,8 +334,6 @@ mod tests {
             let error = text.parse::<Stiffness>().unwrap_err();
             assert!(error.contains(word), "{text}: {error}");
         }
-        assert_eq!("None".parse::<OrNone<Stiffness>>().unwrap(), OrNone::None);
-        assert!(matches!("head".parse::<OrNone<Selector>>().unwrap(), OrNone::This(_)));
     }
 
     #[test]

@@ -3,7 +3,6 @@
 use super::args::{Align, Animate, Reference};
 use super::console::Console;
 use super::{outputs, words};
-use crate::binding::select::OrNone;
 use crate::binding::{self, Binding, Regions, Rules, ScanShape, driven, landmarks};
 use crate::capture::handles_csv::HandleTable;
 use crate::capture::{self, Capture, Motion, ReadOptions};
@@ -20,6 +19,7 @@ use crate::spatial::TriangleTree;
 use crate::surface::SurfaceMap;
 use glam::DVec3;
 use serde_json::{Value, json};
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -42,6 +42,8 @@ pub(super) fn run(args: &Animate, console: &Console) -> Result<()> {
 struct Setup {
     scan: Arc<Scan>,
     capture: Capture,
+    /// Frames to write, counted from 0.
+    range: Range<usize>,
     unit_box: UnitBox,
     binding: Binding,
     proxy: Arc<Proxy>,
@@ -62,6 +64,7 @@ impl Setup {
         let (scan, mut captures) = (scan?, captures?);
         clock.lap("read");
         cancel.check()?;
+        let range = pipeline::select(captures.capture.first_frame, captures.frames(), args.frames)?;
 
         let unit_box = UnitBox::of(&scan.mesh).ok_or_else(|| {
             Error::malformed("the mesh has no extent").file(&args.scan).expected("faces over at least two different positions")
@@ -79,6 +82,7 @@ impl Setup {
         console.station("bind", &bind_line(args, &binding));
         warn(console, &mut warnings, &scan.notes);
         warn(console, &mut warnings, &capture.notes);
+        warn(console, &mut warnings, &cut(args, &capture, &range));
         warn(console, &mut warnings, &binding.notes);
         warn(console, &mut warnings, &unbound(&binding));
         binding_details(&binding).iter().for_each(|line| console.detail(line));
@@ -89,7 +93,7 @@ impl Setup {
         cancel.check()?;
 
         let rows = HandleRows::new(&proxy, args.map.into());
-        let regions = Regions::new(&scan, &points, unit_box, &proxy, &binding, &rules(args, &binding))?;
+        let regions = Regions::new(&scan, &points, unit_box, &proxy, &binding, &rules(args))?;
         if !regions.counts.is_empty() {
             console.station("parts", &regions.words());
         }
@@ -119,6 +123,7 @@ impl Setup {
         Ok(Self {
             scan: Arc::new(scan),
             capture,
+            range,
             unit_box,
             binding,
             proxy: Arc::new(proxy),
@@ -141,12 +146,13 @@ impl Setup {
         overlap: bool,
     ) -> Result<()> {
         let Motion::Markers(take) = &self.capture.motion;
-        let range = pipeline::select(self.capture.first_frame, take.frames(), args.frames)?;
+        let range = self.range.clone();
         let header = Arc::new(Header {
             scan: self.scan.clone(),
             unit_box: self.unit_box,
             proxy: self.proxy.clone(),
             map: self.map.clone(),
+            take: self.capture.source.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             rate: self.capture.rate,
             first_frame: self.capture.first_frame + range.start as i64,
             frames: range.len(),
@@ -216,8 +222,8 @@ impl Setup {
         let decisions = json!({
             "scan": { "vertices": self.scan.mesh.positions.len(), "faces": self.scan.mesh.faces.len(), "diagonal": self.unit_box.diagonal },
             "capture": { "name": self.capture.name, "rate": self.capture.rate, "first_frame": self.capture.first_frame, "summary": self.capture.summary() },
-            "binding": binding_json(&self.binding),
             "parts": self.regions.counts.iter().map(|(what, stiffness, tets)| json!({ "what": what, "stiffness": stiffness, "tetrahedra": tets })).collect::<Vec<_>>(),
+            "binding": binding_json(&self.binding, self.unit_box),
             "proxy": { "vertices": self.proxy.rest.len(), "tetrahedra": self.proxy.tets.len() },
         });
         vec![("inputs", inputs), ("decisions", decisions), ("setup_ms", Value::Object(laps))]
@@ -253,6 +259,16 @@ struct Captures {
     tables: Vec<HandleTable>,
 }
 
+impl Captures {
+    fn frames(&self) -> usize {
+        let Motion::Markers(take) = &self.capture.motion;
+        match (take.frames(), self.tables.first()) {
+            (0, Some(table)) => table.frames(),
+            (frames, _) => frames,
+        }
+    }
+}
+
 fn is_table(path: &std::path::Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"))
 }
@@ -275,18 +291,11 @@ fn read_captures(args: &Animate) -> Result<Captures> {
 /// Hardness of handles on rigid parts against others: a part that cannot bend towards each of its handles leaves them farther away.
 const GRIP: f64 = 4.0;
 
-/// What is rigid or stiffer: what suits a body, unless `none` is said, and what the user says.
-fn rules(args: &Animate, binding: &Binding) -> Rules {
+/// What is rigid or stiffer.
+fn rules(args: &Animate) -> Rules {
     let mut rules = Rules::default();
-    if !args.rigid.contains(&OrNone::None) && !is_table(&args.capture) {
-        rules.rigid_ends(binding);
-    }
     args.stiffness.iter().for_each(|rule| rules.stiffness(rule.clone()));
-    for what in &args.rigid {
-        if let OrNone::This(what) = what {
-            rules.rigid(what.clone());
-        }
-    }
+    args.rigid.iter().for_each(|what| rules.rigid(what.clone()));
     rules
 }
 
@@ -350,7 +359,8 @@ fn bind(
     let body = landmarks::find(points, triangles);
     let mut binding = match captures.tables.first().filter(|_| is_table(&args.capture)) {
         Some(table) => driven::unbound(&shape, body.as_ref().ok(), table, &options),
-        None => binding::bind(&shape, body, &captures.capture, captures.reference.as_ref(), &options)?,
+        None => binding::bind(&shape, body, &captures.capture, captures.reference.as_ref(), &options)
+            .map_err(|e| if e.file.is_none() { e.file(&scan.source) } else { e })?,
     };
     for table in &captures.tables {
         driven::add_handles(&shape, &mut captures.capture, &mut binding, table)?;
@@ -404,6 +414,16 @@ fn capture_counts(capture: &Capture, noun: &str) -> String {
     format!("{}, {} at {rate} Hz", words::plural(take.markers(), noun), words::plural(take.frames(), "frame"))
 }
 
+/// A range that reaches beyond the take is cut to it.
+fn cut(args: &Animate, capture: &Capture, range: &Range<usize>) -> Notes {
+    let mut notes = Notes::default();
+    let (first, last) = (capture.first_frame + range.start as i64, capture.first_frame + range.end as i64 - 1);
+    if let Some((a, b)) = args.frames.filter(|&(a, b)| a < first || b > last) {
+        notes.warn(format!("--frames {a}..{b} reaches beyond the take: frames {first}..{last} are written"));
+    }
+    notes
+}
+
 /// The markers that do not pull, by name.
 fn unbound(binding: &Binding) -> Notes {
     const NAMED: usize = 6;
@@ -429,7 +449,7 @@ fn binding_details(binding: &Binding) -> Vec<String> {
 }
 
 /// The decisions of the binding for the report.
-fn binding_json(binding: &Binding) -> Value {
+fn binding_json(binding: &Binding, unit_box: UnitBox) -> Value {
     let d = &binding.decisions;
     let known = |value: String, how: crate::space::Evidence| json!({ "value": value, "from": how.to_string() });
     json!({
@@ -456,7 +476,7 @@ fn binding_json(binding: &Binding) -> Value {
         "handles": binding.handles.iter().map(|h| json!({
             "label": h.label,
             "segment": h.segment.map(|s| s.name()),
-            "attachment": h.attachment.to_array(),
+            "attachment": unit_box.leave(h.attachment).to_array(),
             "beta": h.beta,
         })).collect::<Vec<_>>(),
         "unbound": binding.unbound.iter().map(|(label, reason)| json!({ "label": label, "reason": reason })).collect::<Vec<_>>(),
@@ -480,7 +500,7 @@ fn outcome_warnings(outcome: &Outcome) -> Vec<String> {
         texts.push(format!("fold at {}: more than 10 tetrahedra are inside out there", outcome.folds));
     }
     if outcome.unsolved.count() > 0 {
-        texts.push(format!("{} stopped at the cap of passes before the tolerance was reached", outcome.unsolved));
+        texts.push(format!("{} not solved to the tolerance", outcome.unsolved));
     }
     texts
 }

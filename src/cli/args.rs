@@ -1,6 +1,6 @@
 //! The arguments as typed: strings checked and turned into values, nothing opened yet.
 
-use crate::binding::select::{OrNone, Selector, Stiffness};
+use crate::binding::select::{Selector, Stiffness};
 use crate::proxy::rows::MapKind;
 use crate::space::{Axis, Unit};
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -12,7 +12,7 @@ use std::path::PathBuf;
     name = "retarget",
     version,
     about = "Make a scan move like what was captured: no rig, no skinning, no hand work",
-    after_help = "Example: retarget scan.obj walk.c3d -o walk.glb\nParts (WHAT): group:NAME (OBJ groups and objects; * and ?), color:#rrggbb[~TOLERANCE] (vertex colours), sphere:X,Y,Z,R (scan's unit), near:HANDLE[,HANDLE...], or a part of a body: head, hands, feet, upper_arms, left_hand, ...\nA file that is called like a subcommand is written ./inspect",
+    after_help = "Example: retarget scan.obj walk.c3d -o walk.glb\nParts (WHAT): group:NAME (OBJ groups and objects; * and ?), color:#rrggbb[~TOLERANCE] (vertex colours), sphere:X,Y,Z,R (scan's unit), near:HANDLE[,HANDLE...], or a part of a body: ends (head, hands and feet), head, hands, feet, upper_arms, left_hand, ...\nA file that is called like a subcommand is written ./inspect",
     args_conflicts_with_subcommands = true,
     subcommand_negates_reqs = true,
     arg_required_else_help = true
@@ -126,9 +126,9 @@ pub struct Animate {
     /// How scan vertices and handles follow the proxy: ring-averaged gradients, or the paper's formulas to the letter
     #[arg(long, value_enum, default_value_t = Map::Ring, help_heading = "Proxy")]
     pub map: Map,
-    /// Keep the shape of a part of the scan, for example hands or group:armor_* (repeatable, beside head, hands and feet of a person; none: not these)
+    /// Keep the shape of a part of the scan, for example ends (head, hands and feet of a person) or group:armor_* (repeatable)
     #[arg(long, value_name = "WHAT", help_heading = "Parts")]
-    pub rigid: Vec<OrNone<Selector>>,
+    pub rigid: Vec<Selector>,
     /// Make a part of the scan stiffer (above 1) or softer, for example upper_arms=3 against arms that bow (repeatable, later ones win)
     #[arg(long, value_name = "WHAT=X", help_heading = "Parts")]
     pub stiffness: Vec<Stiffness>,

@@ -128,13 +128,13 @@ fn write(open: Open, path: PathBuf, tolerance: Tolerance) -> Result<Written> {
         offset,
         rate: header.rate,
         name: &stem(&scan.source).unwrap_or_else(|| "scan".to_owned()),
-        animation: &stem(&path).unwrap_or_else(|| "motion".to_owned()),
+        animation: if header.take.is_empty() { "motion" } else { &header.take },
     };
     let (document, buffer) = content.build(&mut notes);
     header.cancel.check()?;
     let unwritable = |e: std::io::Error| Error::unwritable(&path, &e);
     let mut out = BufWriter::with_capacity(1 << 20, file.file_mut());
-    buffer.write(document, &mut out).map_err(unwritable)?;
+    buffer.write(document, &mut out, unwritable)?;
     out.flush().map_err(unwritable)?;
     drop(out);
     let bytes = file.finish()?;

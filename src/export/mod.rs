@@ -45,6 +45,8 @@ pub struct Header {
     pub proxy: Arc<Proxy>,
     /// The map from proxy poses to scan poses.
     pub map: Arc<crate::surface::SurfaceMap>,
+    /// Name of the motion.
+    pub take: String,
     /// Frames per second of what is written.
     pub rate: f64,
     /// Number of the first frame written, in the capture's own numbering.

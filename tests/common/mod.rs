@@ -2,6 +2,7 @@
 
 #![allow(dead_code, clippy::unwrap_used, clippy::print_stderr)]
 
+use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -45,4 +46,13 @@ pub fn read_pc2(path: &Path) -> Vec<Vec<[f32; 3]>> {
     let number = |at: usize| f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
     assert_eq!(bytes.len(), 32 + frames * points * 12);
     (0..frames).map(|f| (0..points).map(|p| [0, 1, 2].map(|c| number(32 + ((f * points + p) * 3 + c) * 4))).collect()).collect()
+}
+
+/// Points of a binary PLY that holds nothing but f32 positions, as the truths and the goldens do.
+pub fn read_ply_points(path: &Path) -> Vec<DVec3> {
+    let bytes = std::fs::read(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    let end = b"end_header\n";
+    let body = bytes.windows(end.len()).position(|w| w == end).unwrap() + end.len();
+    let number = |c: &[u8]| f64::from(f32::from_le_bytes(c.try_into().unwrap()));
+    bytes[body..].chunks_exact(12).map(|p| DVec3::new(number(&p[..4]), number(&p[4..8]), number(&p[8..]))).collect()
 }

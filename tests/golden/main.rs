@@ -5,30 +5,23 @@
 #[path = "../common/mod.rs"]
 mod common;
 
-use common::{fixture, retarget_ok};
+use common::{fixture, read_ply_points, retarget_ok};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 
 /// Frames that have a golden and a truth.
 const FRAMES: [u32; 5] = [1, 111, 201, 307, 372];
 
-/// Distance between processors that round differently, in diagonals: the solver's tolerance with room.
-const TOLERANCE: f64 = 1e-4;
+/// What may differ between processors, in diagonals. At quality `converged` a frame ends within about twenty tolerances of 1e-6 of the minimum,
+/// however its sums are rounded: two processors may be twice that apart; the rest is the rounding of the file's f32 coordinates.
+const TOLERANCE: f64 = 5e-5;
 
 /// Mean distance from the true skin that 41 markers leave open, in diagonals, frame by frame: what was reached, and a tenth more.
 /// The truth is a blended skin that loses volume at its joints, which the markers do not tell.
-const TRUTH: [f64; 5] = [0.001, 0.02, 0.02, 0.03, 0.001];
+const TRUTH: [f64; 5] = [0.000_04, 0.002_1, 0.005_06, 0.010_08, 0.000_105];
 
 fn golden(frame: u32) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/golden/walk_{frame:04}.ply"))
-}
-
-fn points(path: &Path) -> Vec<DVec3> {
-    let bytes = std::fs::read(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-    let end = b"end_header\n";
-    let body = bytes.windows(end.len()).position(|w| w == end).unwrap() + end.len();
-    let number = |c: &[u8]| f64::from(f32::from_le_bytes(c.try_into().unwrap()));
-    bytes[body..].chunks_exact(12).map(|p| DVec3::new(number(&p[..4]), number(&p[4..8]), number(&p[8..]))).collect()
 }
 
 fn write_points(path: &Path, points: &[DVec3]) {
@@ -63,8 +56,8 @@ fn chosen_frames_of_the_fixture_take_are_as_blessed_and_near_the_truth() {
     let diagonal = retarget::scan::UnitBox::of(&source.mesh).unwrap().diagonal;
     for (frame, limit) in FRAMES.into_iter().zip(TRUTH) {
         let ours = retarget::scan::read(&work.path().join(format!("f_{frame:04}.ply"))).unwrap().mesh.positions;
-        // The take's laboratory is turned and shifted against the scan; the first frame, which is the rest pose, tells by how much.
-        let truth = points(&fixture(&format!("true_{frame:04}.ply")));
+        // The take shows the rest pose of the scan, and the placement brings it there: the truth is in the scan's own space, place and size included.
+        let truth = read_ply_points(&fixture(&format!("true_{frame:04}.ply")));
         let (mean, worst) = distance(&ours, &truth);
         eprintln!(
             "frame {frame}: mean {:.3} %, worst {:.2} % of the diagonal from the truth",
@@ -74,7 +67,7 @@ fn chosen_frames_of_the_fixture_take_are_as_blessed_and_near_the_truth() {
         assert!(mean < limit * diagonal, "frame {frame}: mean {:.3} % from the truth", mean / diagonal * 100.0);
         if bless {
             if golden(frame).exists() {
-                let (mean, worst) = distance(&ours, &points(&golden(frame)));
+                let (mean, worst) = distance(&ours, &read_ply_points(&golden(frame)));
                 eprintln!(
                     "frame {frame}: moved by {:.2e} in the mean, {:.2e} at most (diagonals)",
                     mean / diagonal,
@@ -83,7 +76,7 @@ fn chosen_frames_of_the_fixture_take_are_as_blessed_and_near_the_truth() {
             }
             write_points(&golden(frame), &ours);
         } else {
-            let (_, worst) = distance(&ours, &points(&golden(frame)));
+            let (_, worst) = distance(&ours, &read_ply_points(&golden(frame)));
             assert!(
                 worst < TOLERANCE * diagonal,
                 "frame {frame} moved by {:.2e} diagonals; scripts/bless.sh if it should",

@@ -122,9 +122,7 @@ pub struct NotHuman {
 
 impl NotHuman {
     fn because(found: impl std::fmt::Display) -> Self {
-        let reason = format!(
-            "looked for a standing person with arms and legs apart (T or A pose), but {found}; name the joints under [landmarks] in a rig file"
-        );
+        let reason = format!("looked for a standing person with arms and legs apart (T or A pose), but {found}");
         Self { reason, margin_and_cost: None }
     }
 }

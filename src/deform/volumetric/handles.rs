@@ -116,6 +116,17 @@ impl SoftHandles {
         self.row(h).fold(Lanes::ZERO, |sum, (v, b)| sum + points[v] * b)
     }
 
+    /// Mean distance of the present targets from their handles, where `place` tells the points.
+    pub(super) fn mean_distance(&self, place: impl Fn(usize) -> Lanes) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for h in (0..self.len()).filter(|&h| self.asked[h] > 0.0) {
+            let handle = self.row(h).fold(Lanes::ZERO, |sum, (v, b)| sum + place(v) * b);
+            sum += (handle - self.targets[h]).xyz().length();
+            count += 1.0;
+        }
+        if count > 0.0 { sum / count } else { 0.0 }
+    }
+
     pub(super) fn target(&self, h: usize) -> Lanes {
         self.targets[h]
     }

@@ -50,6 +50,10 @@ pub struct Options {
     pub sliver_cap: f64,
 }
 
+/// Mean distance of the targets from where the handles would be by their motion so far, in diagonals, from which the take was cut there: a body at
+/// thirty frames a second does not change its speed by that much.
+const CUT: f64 = 0.25;
+
 impl Options {
     /// Tolerance for a preview: errors below about half a thousandth of the body.
     pub const DRAFT: f64 = 5e-5;
@@ -191,7 +195,7 @@ impl Volumetric {
             Presence::Changed => self.coarse.rehandle(&self.handles),
             Presence::Same => {}
         }
-        if cold || self.frames == 0 {
+        if cold || self.frames == 0 || self.jumps() {
             self.align();
         }
         let mut stats = self.frame();
@@ -221,6 +225,18 @@ impl Volumetric {
 
     fn is_finite(&self, stats: &FrameStats) -> bool {
         stats.energy.is_finite() && stats.step.is_finite() && self.p.iter().all(|p| p.xyz().is_finite())
+    }
+
+    /// Whether the targets are elsewhere than where the last frames lead: a cut in the take.
+    fn jumps(&self) -> bool {
+        if self.settings.iterations.is_some() {
+            return false;
+        }
+        let distance = self.handles.mean_distance(|place| {
+            let now = self.p[place];
+            if self.frames < 2 { now } else { now * 2.0 - self.before[place] }
+        });
+        distance > CUT * self.settings.diagonal
     }
 
     /// The rest pose, moved rigidly so that the attachments come nearest to the present targets.

@@ -6,6 +6,7 @@ use super::rigid::{Packed, Rigid};
 use super::sample::{JointPlanes, Sample, dot};
 use super::select::{CANDIDATES, Gram};
 use super::start::{nearest_to, split};
+use super::table::Growing;
 use super::tracks::Tracks;
 use super::{Influences, Tolerance};
 use crate::error::{Error, Result};
@@ -174,16 +175,18 @@ impl State {
             None => Tracks::of_groups(motion, &self.points, &dominated(&influences, self.joints.joints()))?,
         };
         let blend = Blend::new(&self.points.rest, &influences, begin.joints());
-        let mut tracks = Tracks::new(begin.joints());
+        let mut tracks = Growing::new(motion.spool.folder(), begin.joints())?;
         let mut error = FitError::new(self.points.vertices().len());
         motion.each_frame(
             &self.points,
-            |f, pose| settle(&blend, &pose, begin.frame(f), goal),
-            |_, settled| {
-                tracks.push(&settled.joints);
+            |f, pose| Ok(settle(&blend, &pose, begin.motions(f)?, goal)),
+            |_, settled: Result<Settled>| {
+                let settled = settled?;
                 error.add(&settled);
+                tracks.push(&settled.joints)
             },
         )?;
+        let tracks = tracks.finish()?;
         Ok(Fit { points: self.points.clone(), influences, tracks, sample: self.sample.clone(), error })
     }
 }
@@ -198,7 +201,7 @@ fn begin(
     goal: Tolerance,
 ) -> Result<(Sample, JointPlanes, Vec<Emphasis>)> {
     let sample = Sample::read(motion, points, frames)?;
-    let joints = JointPlanes::new(sample.len(), tracks.joints(), |k, f| tracks.at(sample.frames[f], k));
+    let joints = JointPlanes::read(tracks, &sample.frames)?;
     let emphasis = emphasis_of(&sample, &joints, blend, goal);
     Ok((sample, joints, emphasis))
 }
@@ -378,7 +381,7 @@ fn grow(motion: &Motion<'_>, points: &FitPoints, tracks: &Tracks, error: &FitErr
         near.truncate(size);
         groups.push(near);
     }
-    if groups.is_empty() { Ok(None) } else { Ok(Some(tracks.with(&Tracks::of_groups(motion, points, &groups)?))) }
+    if groups.is_empty() { Ok(None) } else { tracks.with(&Tracks::of_groups(motion, points, &groups)?).map(Some) }
 }
 
 /// Emphasis on the sample from the errors of the transforms that the next cycle starts with.

@@ -88,7 +88,7 @@ impl Written<'_> {
             let poses = frames.iter().map(|&f| spool.read_one(f)).collect::<Result<Vec<_>>>()?;
             let poses: Vec<&[DVec3]> = poses.iter().map(Vec::as_slice).collect();
             map.apply(&poses, &mut truth[..frames.len()]);
-            let matrices: Vec<Vec<[f64; 12]>> = frames.iter().map(|&f| self.flat_matrices(f)).collect();
+            let matrices = frames.iter().map(|&f| self.flat_matrices(f)).collect::<Result<Vec<_>>>()?;
             errors.par_chunks_mut(PIECE).enumerate().for_each(|(piece, errors)| {
                 for ((&frame, matrices), truth) in frames.iter().zip(&matrices).zip(&truth) {
                     for (k, error) in errors.iter_mut().enumerate() {
@@ -107,7 +107,7 @@ impl Written<'_> {
     pub fn measure_rows(&self, rows: &[(usize, SparseRow)], spool: &Spool, cancel: &Cancel) -> Result<Vec<VertexError>> {
         let mut errors = vec![VertexError::default(); rows.len()];
         super::motion::in_batches(spool, cancel, |first, poses| {
-            let matrices: Vec<Vec<[f64; 12]>> = (first..first + poses.len()).map(|f| self.flat_matrices(f)).collect();
+            let matrices = (first..first + poses.len()).map(|f| self.flat_matrices(f)).collect::<Result<Vec<_>>>()?;
             errors.par_iter_mut().zip(rows).for_each(|(error, (i, row))| {
                 for (g, (pose, matrices)) in poses.iter().zip(&matrices).enumerate() {
                     let target = self.space.leave(row.apply(pose));
@@ -119,14 +119,14 @@ impl Written<'_> {
         Ok(errors)
     }
 
-    fn flat_matrices(&self, frame: usize) -> Vec<[f64; 12]> {
+    fn flat_matrices(&self, frame: usize) -> Result<Vec<[f64; 12]>> {
         let flat = |m: &Matrix| {
             let mut flat = [0.0; 12];
             flat[..9].copy_from_slice(&m.linear.to_cols_array());
             flat[9..].copy_from_slice(&m.offset.to_array());
             flat
         };
-        self.skin.matrices(frame).iter().map(flat).collect()
+        Ok(self.skin.matrices(frame)?.iter().map(flat).collect())
     }
 
     fn skinned(&self, i: usize, matrices: &[[f64; 12]]) -> DVec3 {

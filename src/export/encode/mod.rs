@@ -31,11 +31,13 @@ pub mod measure;
 pub mod motion;
 pub mod rigid;
 pub mod sample;
+pub mod scratch;
 pub mod select;
 pub mod skin;
 pub mod spool;
 pub mod start;
 pub mod surface;
+pub mod table;
 pub mod tracks;
 
 /// Vertices at most whose weights are solved on all frames.
@@ -185,11 +187,11 @@ impl<M: PointMap> Job<'_, M> {
 
     /// The skin of a fit, measured on some frames; `frames` are among them.
     fn trial(&self, motion: &Motion<'_>, fit: Fit, frames: &[usize]) -> Result<Trial> {
-        let weights = SurfaceWeights::new(self.map, &fit, self.proxy_rest.len());
+        let weights = SurfaceWeights::new(self.map, &fit, self.proxy_rest.len())?;
         let influences = weights.solve(self.vertices, self.rest);
         self.cancel.check()?;
         let at_rest: Vec<DVec3> = self.vertices.iter().map(|&v| self.rest[v as usize]).collect();
-        let skin = Skin::new(motion, &fit.tracks, &at_rest, &influences, self.space);
+        let skin = Skin::new(motion, &fit.tracks, &at_rest, &influences, self.space)?;
         let mut checked = fit.sample.frames.clone();
         checked.extend(frames);
         checked.extend(fit.error.worst_frames(CHECKED));
@@ -218,7 +220,7 @@ impl<M: PointMap> Job<'_, M> {
         let rows: Vec<(usize, SparseRow)> = doubtful.iter().map(|&i| (i, self.map.row(self.vertices[i] as usize))).collect();
         let before = written.measure_rows(&rows, self.spool, self.cancel)?;
         let paths: Vec<(DVec3, &SparseRow)> = rows.iter().map(|(i, row)| (self.rest[self.vertices[*i] as usize], row)).collect();
-        let weights = SurfaceWeights::new(self.map, &trial.fit, self.proxy_rest.len());
+        let weights = SurfaceWeights::new(self.map, &trial.fit, self.proxy_rest.len())?;
         let refined = weights.refine(motion, &paths, self.goal())?;
         let old: Vec<Influences> = doubtful.iter().map(|&i| skin.influences(i)).collect();
         for (&i, influences) in doubtful.iter().zip(&refined) {

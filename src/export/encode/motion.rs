@@ -10,6 +10,8 @@ use rayon::prelude::*;
 
 /// Frames that are in memory at a time.
 const BATCH: usize = 32;
+/// Frames at most among which those to learn from are sought.
+const SKETCHES: usize = 2048;
 
 /// Points that are followed: some proxy vertices, then points given as rows over all proxy vertices.
 #[derive(Clone, Debug)]
@@ -89,7 +91,7 @@ impl<'a> Motion<'a> {
         &self,
         points: &FitPoints,
         work: impl Fn(usize, Vec<DVec3>) -> T + Sync,
-        mut take: impl FnMut(usize, T),
+        mut take: impl FnMut(usize, T) -> Result<()>,
     ) -> Result<()> {
         in_batches(self.spool, self.cancel, |first, poses| {
             let results: Vec<T> = poses
@@ -97,10 +99,7 @@ impl<'a> Motion<'a> {
                 .enumerate()
                 .map(|(k, pose)| work(first + k, points.gather(pose, &self.roots[first + k])))
                 .collect();
-            for (k, result) in results.into_iter().enumerate() {
-                take(first + k, result);
-            }
-            Ok(())
+            results.into_iter().enumerate().try_for_each(|(k, result)| take(first + k, result))
         })
     }
 
@@ -116,10 +115,16 @@ impl<'a> Motion<'a> {
         }
         // A hundred points tell poses apart; what is kept per frame stays small.
         let stride = points.len().div_ceil(100).max(1);
-        let mut sketches: Vec<Vec<[f32; 3]>> = Vec::with_capacity(self.frames());
-        let sketch =
-            |_, pose: Vec<DVec3>| -> Vec<[f32; 3]> { pose.iter().step_by(stride).map(|p| p.as_vec3().to_array()).collect() };
-        self.each_frame(points, sketch, |_, s| sketches.push(s))?;
+        // Of a long take every few frames are candidates: neighbours are alike, and memory stays bounded.
+        let step = self.frames().div_ceil(SKETCHES);
+        let mut sketches: Vec<Vec<[f32; 3]>> = Vec::with_capacity(self.frames().div_ceil(step));
+        let sketch = |f: usize, pose: Vec<DVec3>| -> Option<Vec<[f32; 3]>> {
+            f.is_multiple_of(step).then(|| pose.iter().step_by(stride).map(|p| p.as_vec3().to_array()).collect())
+        };
+        self.each_frame(points, sketch, |_, s| {
+            sketches.extend(s);
+            Ok(())
+        })?;
         let width = sketches[0].len();
         let mean: Vec<[f32; 3]> = (0..width)
             .map(|i| {
@@ -143,6 +148,7 @@ impl<'a> Motion<'a> {
             }
             chosen.push(next);
         }
+        chosen.iter_mut().for_each(|f| *f *= step);
         chosen.sort_unstable();
         Ok(chosen)
     }
@@ -204,6 +210,7 @@ mod tests {
                     assert_eq!(f, seen);
                     assert!((pose[150] - row.apply(&pose[..150])).length() < 1e-12);
                     seen += 1;
+                    Ok(())
                 },
             )
             .unwrap();

@@ -2,6 +2,7 @@
 
 use super::motion::{FitPoints, Motion};
 use super::rigid::Rigid;
+use super::tracks::Tracks;
 use crate::error::Result;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -72,6 +73,23 @@ impl JointPlanes {
             }
         }
         planes
+    }
+
+    /// All joints in some frames.
+    pub fn read(tracks: &Tracks, frames: &[usize]) -> Result<Self> {
+        let motions = frames.iter().map(|&f| tracks.motions(f)).collect::<Result<Vec<_>>>()?;
+        Ok(Self::new(frames.len(), tracks.joints(), |k, f| motions[f][k]))
+    }
+
+    /// Some joints in all frames.
+    pub fn columns(tracks: &Tracks, joints: &[usize]) -> Result<Self> {
+        let mut planes = Self { frames: tracks.frames(), values: vec![0.0; joints.len() * 12 * tracks.frames()] };
+        for (k, &joint) in joints.iter().enumerate() {
+            for (f, packed) in tracks.column(joint)?.iter().enumerate() {
+                planes.set(k, f, &Rigid::unpack(packed));
+            }
+        }
+        Ok(planes)
     }
 
     /// Number of joints.

@@ -2,7 +2,10 @@
 
 use super::Influences;
 use super::motion::Motion;
+use super::table::{Growing, Table};
 use super::tracks::Tracks;
+use crate::error::Result;
+use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
@@ -30,14 +33,22 @@ pub struct Skin {
     pub pivots: Vec<[f32; 3]>,
     /// Translation from the root to each node at rest; for the root, from the origin.
     pub rest_translations: Vec<[f32; 3]>,
-    /// Rotation of each node in its parent, frame after frame: x, y, z, w in units of 1/32767.
-    pub rotations: Vec<[i16; 4]>,
-    /// Translation of each node in its parent, frame after frame.
-    pub translations: Vec<[f32; 3]>,
+    /// Place of each node in its parent in every frame.
+    pub keys: Table<Key>,
     /// Four nodes per vertex, heaviest first, 0 where the weight is 0.
     pub joints: Vec<[u16; 4]>,
     /// Their weights in units of 1/65535; each four sum to 65535.
     pub weights: Vec<[u16; 4]>,
+}
+
+/// Place of a node in its parent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Key {
+    /// x, y, z, w in units of 1/32767.
+    pub rotation: [i16; 4],
+    /// In the file's unit.
+    pub translation: [f32; 3],
 }
 
 /// `x ↦ linear · x + offset` in the file's coordinates.
@@ -54,7 +65,13 @@ impl Skin {
     ///
     /// Pivots lie in the middle of their joint's weights: between two keys a player interpolates rotation and translation each for itself, and far
     /// from the pivot the two would not fit together.
-    pub fn new(motion: &Motion<'_>, tracks: &Tracks, rest: &[DVec3], influences: &[Influences], space: FileSpace) -> Self {
+    pub fn new(
+        motion: &Motion<'_>,
+        tracks: &Tracks,
+        rest: &[DVec3],
+        influences: &[Influences],
+        space: FileSpace,
+    ) -> Result<Self> {
         let middle = rest.iter().sum::<DVec3>() / rest.len().max(1) as f64;
         let mut sums = vec![(DVec3::ZERO, 0.0); tracks.joints()];
         for (&p, influence) in rest.iter().zip(influences) {
@@ -66,28 +83,32 @@ impl Skin {
         let pivots: Vec<DVec3> =
             std::iter::once(middle).chain(sums.iter().map(|&(s, w)| if w > 0.0 { s / w } else { middle })).collect();
         let local = |k: usize| (pivots[k] - middle) * space.scale;
+        let mut keys = Growing::new(motion.spool.folder(), pivots.len())?;
+        let mut before: Vec<Key> = Vec::new();
+        for f in 0..tracks.frames() {
+            let root = motion.roots[f];
+            let mut now = vec![Key::new(&root.rotation, space.leave(root.apply(middle)))];
+            now.extend(tracks.motions(f)?.iter().zip(&pivots[1..]).map(|(joint, &pivot)| {
+                let place = (joint.apply(pivot) - middle) * space.scale;
+                Key::new(&joint.rotation, place)
+            }));
+            now.iter_mut().zip(&before).for_each(|(key, before)| key.follow(before));
+            keys.push(&now)?;
+            before = now;
+        }
         let mut skin = Self {
             pivots: pivots.iter().map(|&p| space.leave(p).as_vec3().to_array()).collect(),
             rest_translations: (0..pivots.len())
                 .map(|k| if k == 0 { space.leave(middle) } else { local(k) }.as_vec3().to_array())
                 .collect(),
-            rotations: Vec::with_capacity(pivots.len() * tracks.frames()),
-            translations: Vec::with_capacity(pivots.len() * tracks.frames()),
+            keys: keys.finish()?,
             joints: vec![[0; 4]; influences.len()],
             weights: vec![[0; 4]; influences.len()],
         };
-        for f in 0..tracks.frames() {
-            let root = motion.roots[f];
-            skin.push_key(f, DQuat::from_mat3(&root.rotation), space.leave(root.apply(middle)));
-            for (k, joint) in tracks.frame(f).iter().enumerate() {
-                let place = (joint.apply(pivots[k + 1]) - middle) * space.scale;
-                skin.push_key(f, DQuat::from_mat3(&joint.rotation), place);
-            }
-        }
         skin.joints.par_iter_mut().zip(&mut skin.weights).zip(influences).for_each(|((joints, weights), influence)| {
             (*joints, *weights) = round(influence);
         });
-        skin
+        Ok(skin)
     }
 
     /// Number of nodes, the root included.
@@ -97,7 +118,7 @@ impl Skin {
 
     /// Number of frames.
     pub fn frames(&self) -> usize {
-        self.rotations.len() / self.nodes()
+        self.keys.frames()
     }
 
     /// Replaces the weights of a vertex.
@@ -116,16 +137,15 @@ impl Skin {
     }
 
     /// The nodes' skinning matrices of a frame, decoded.
-    pub fn matrices(&self, frame: usize) -> Vec<Matrix> {
-        let nodes = self.nodes();
+    pub fn matrices(&self, frame: usize) -> Result<Vec<Matrix>> {
+        let keys = self.keys.frame(frame)?;
         let local = |k: usize| {
-            let at = frame * nodes + k;
-            let [x, y, z, w] = self.rotations[at].map(|c| (f64::from(c) / 32767.0).max(-1.0));
-            let [a, b, c] = self.translations[at].map(f64::from);
+            let [x, y, z, w] = keys[k].rotation.map(|c| (f64::from(c) / 32767.0).max(-1.0));
+            let [a, b, c] = keys[k].translation.map(f64::from);
             Matrix { linear: DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize()), offset: DVec3::new(a, b, c) }
         };
         let root = local(0);
-        (0..nodes)
+        Ok((0..keys.len())
             .map(|k| {
                 let global = if k == 0 {
                     root
@@ -136,22 +156,22 @@ impl Skin {
                 let [a, b, c] = self.pivots[k].map(f64::from);
                 Matrix { linear: global.linear, offset: global.offset - global.linear * DVec3::new(a, b, c) }
             })
-            .collect()
+            .collect())
+    }
+}
+
+impl Key {
+    fn new(rotation: &DMat3, translation: DVec3) -> Self {
+        let unit = DQuat::from_mat3(rotation).normalize().to_array();
+        Self { rotation: unit.map(|c| (c * 32767.0).round() as i16), translation: translation.as_vec3().to_array() }
     }
 
-    fn push_key(&mut self, frame: usize, rotation: DQuat, translation: DVec3) {
-        let unit = rotation.normalize().to_array();
-        let mut key = unit.map(|c| (c * 32767.0).round() as i16);
-        if frame > 0 {
-            // Both signs are the same rotation; a player goes the short way only between neighbours of one sign.
-            let before = self.rotations[self.rotations.len() - self.nodes()];
-            let along: i64 = key.iter().zip(before).map(|(&a, b)| i64::from(a) * i64::from(b)).sum();
-            if along < 0 {
-                key = key.map(|c| -c);
-            }
+    /// Both signs are the same rotation; a player goes the short way only between neighbours of one sign.
+    fn follow(&mut self, before: &Self) {
+        let along: i64 = self.rotation.iter().zip(before.rotation).map(|(&a, b)| i64::from(a) * i64::from(b)).sum();
+        if along < 0 {
+            self.rotation = self.rotation.map(|c| -c);
         }
-        self.rotations.push(key);
-        self.translations.push(translation.as_vec3().to_array());
     }
 }
 

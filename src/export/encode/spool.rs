@@ -1,17 +1,14 @@
 //! Proxy poses on disk, so that memory does not grow with the take.
 
-use crate::error::{Error, Result};
+use super::scratch::Scratch;
+use crate::error::Result;
 use glam::DVec3;
-use std::fs::File;
-use std::io::{Read, Seek, SeekFrom, Write};
-use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use std::path::Path;
 
-/// Poses of a fixed number of vertices in single precision, in an anonymous file that the system removes by itself.
+/// Poses of a fixed number of vertices in single precision.
 #[derive(Debug)]
 pub struct Spool {
-    file: Mutex<File>,
-    folder: PathBuf,
+    file: Scratch,
     vertices: usize,
     frames: usize,
 }
@@ -19,8 +16,7 @@ pub struct Spool {
 impl Spool {
     /// An empty spool in `folder`.
     pub fn new(folder: &Path, vertices: usize) -> Result<Self> {
-        let file = tempfile::tempfile_in(folder).map_err(|e| Error::unwritable(folder, &e))?;
-        Ok(Self { file: Mutex::new(file), folder: folder.to_path_buf(), vertices, frames: 0 })
+        Ok(Self { file: Scratch::new(folder)?, vertices, frames: 0 })
     }
 
     /// Number of frames.
@@ -33,15 +29,17 @@ impl Spool {
         self.vertices
     }
 
+    /// The folder of the file.
+    pub fn folder(&self) -> &Path {
+        self.file.folder()
+    }
+
     /// Appends a pose.
     pub fn push(&mut self, pose: &[DVec3]) -> Result<()> {
         assert_eq!(pose.len(), self.vertices, "every pose has the proxy's vertices");
         let numbers: Vec<[f32; 3]> = pose.iter().map(|p| p.as_vec3().to_array()).collect();
         let end = self.frames as u64 * self.stride();
-        let file = self.file.get_mut().unwrap_or_else(|poisoned| poisoned.into_inner());
-        file.seek(SeekFrom::Start(end))
-            .and_then(|_| file.write_all(bytemuck::cast_slice(&numbers)))
-            .map_err(|e| Error::unwritable(&self.folder, &e))?;
+        self.file.write(end, &numbers)?;
         self.frames += 1;
         Ok(())
     }
@@ -49,12 +47,7 @@ impl Spool {
     /// Reads consecutive frames.
     pub fn read(&self, first: usize, count: usize) -> Result<Vec<Vec<DVec3>>> {
         let mut numbers = vec![[0f32; 3]; count * self.vertices];
-        {
-            let mut file = self.file.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-            file.seek(SeekFrom::Start(first as u64 * self.stride()))
-                .and_then(|_| file.read_exact(bytemuck::cast_slice_mut(&mut numbers)))
-                .map_err(|e| Error::unreadable(&self.folder, &e))?;
-        }
+        self.file.read(first as u64 * self.stride(), &mut numbers)?;
         let pose = |f: usize| &numbers[f * self.vertices..(f + 1) * self.vertices];
         Ok((0..count).map(|f| pose(f).iter().map(|p| DVec3::new(p[0].into(), p[1].into(), p[2].into())).collect()).collect())
     }

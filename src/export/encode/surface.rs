@@ -44,14 +44,13 @@ pub struct SurfaceWeights<'a, M> {
 
 impl<'a, M: PointMap> SurfaceWeights<'a, M> {
     /// Prepares the fit's joints on its sample.
-    pub fn new(map: &'a M, fit: &'a Fit, proxy_vertices: usize) -> Self {
+    pub fn new(map: &'a M, fit: &'a Fit, proxy_vertices: usize) -> Result<Self> {
         let mut points = vec![u32::MAX; proxy_vertices];
         for (i, &v) in fit.points.vertices().iter().enumerate() {
             points[v as usize] = i as u32;
         }
-        let frames = &fit.sample.frames;
-        let joints = JointPlanes::new(frames.len(), fit.tracks.joints(), |k, f| fit.tracks.at(frames[f], k));
-        Self { map, fit, points, joints }
+        let joints = JointPlanes::read(&fit.tracks, &fit.sample.frames)?;
+        Ok(Self { map, fit, points, joints })
     }
 
     /// Weights of all `vertices`, learned on the sample's frames. `rest`: positions of the scan's vertices in the unit box.
@@ -83,10 +82,15 @@ impl<'a, M: PointMap> SurfaceWeights<'a, M> {
                 });
                 Ok(())
             })?;
-            solved.par_extend(group.par_iter().zip(&paths).map(|((rest, row), path)| {
-                let candidates = self.candidates(row, CANDIDATES);
-                refine_vertex(&self.fit.tracks, *rest, path, &candidates, goal)
-            }));
+            let refined: Result<Vec<Influences>> = group
+                .par_iter()
+                .zip(&paths)
+                .map(|((rest, row), path)| {
+                    let candidates = self.candidates(row, CANDIDATES);
+                    refine_vertex(&self.fit.tracks, *rest, path, &candidates, goal)
+                })
+                .collect();
+            solved.extend(refined?);
         }
         Ok(solved)
     }
@@ -122,9 +126,9 @@ impl<'a, M: PointMap> SurfaceWeights<'a, M> {
     }
 }
 
-fn refine_vertex(tracks: &Tracks, rest: DVec3, path: &[f32], candidates: &[usize], goal: Tolerance) -> Influences {
+fn refine_vertex(tracks: &Tracks, rest: DVec3, path: &[f32], candidates: &[usize], goal: Tolerance) -> Result<Influences> {
     let frames = path.len() / 3;
-    let joints = JointPlanes::new(frames, candidates.len(), |k, f| tracks.at(f, candidates[k]));
+    let joints = JointPlanes::columns(tracks, candidates)?;
     let places: Vec<usize> = (0..candidates.len()).collect();
     let mut scratch = WeightScratch::default();
     let mut logs = vec![0f64; frames];
@@ -145,7 +149,7 @@ fn refine_vertex(tracks: &Tracks, rest: DVec3, path: &[f32], candidates: &[usize
     }
     let mut influences = best.map_or_else(Influences::default, |(_, influences)| influences);
     influences.joints = influences.joints.map(|place| candidates[place as usize] as u16);
-    influences
+    Ok(influences)
 }
 
 /// Squared error in each frame.

@@ -3,65 +3,42 @@
 use super::motion::{FitPoints, Motion};
 use super::rigid::{Packed, Rigid};
 use super::start::fit_group;
+use super::table::{Growing, Table};
 use crate::error::Result;
 
-/// Transforms of joints, frame after frame, the root's motion taken out.
-#[derive(Clone, Debug)]
-pub struct Tracks {
-    joints: usize,
-    values: Vec<Packed>,
-}
+/// Transforms of joints, the root's motion taken out.
+pub type Tracks = Table<Packed>;
 
 impl Tracks {
-    /// No frames yet.
-    pub fn new(joints: usize) -> Self {
-        Self { joints, values: Vec::new() }
-    }
-
     /// Number of joints.
     pub fn joints(&self) -> usize {
-        self.joints
-    }
-
-    /// Number of frames.
-    pub fn frames(&self) -> usize {
-        self.values.len() / self.joints
-    }
-
-    /// Appends a frame.
-    pub fn push(&mut self, joints: &[Packed]) {
-        assert_eq!(joints.len(), self.joints);
-        self.values.extend_from_slice(joints);
-    }
-
-    /// One transform.
-    pub fn at(&self, frame: usize, joint: usize) -> Rigid {
-        Rigid::unpack(&self.values[frame * self.joints + joint])
+        self.columns()
     }
 
     /// All joints of a frame.
-    pub fn frame(&self, frame: usize) -> Vec<Rigid> {
-        self.values[frame * self.joints..(frame + 1) * self.joints].iter().map(Rigid::unpack).collect()
+    pub fn motions(&self, frame: usize) -> Result<Vec<Rigid>> {
+        Ok(self.frame(frame)?.iter().map(Rigid::unpack).collect())
     }
 
     /// Rigid fit of each group of points in every frame; a group of fewer than four stays.
     pub fn of_groups(motion: &Motion<'_>, points: &FitPoints, groups: &[Vec<u32>]) -> Result<Self> {
-        let mut tracks = Self::new(groups.len());
+        let mut tracks = Growing::new(motion.spool.folder(), groups.len())?;
         let fit = |_, pose: Vec<glam::DVec3>| -> Vec<Packed> {
             let joint = |g: &Vec<u32>| fit_group(&points.rest, &pose, g).unwrap_or(Rigid::IDENTITY).pack();
             groups.iter().map(joint).collect()
         };
         motion.each_frame(points, fit, |_, joints| tracks.push(&joints))?;
-        Ok(tracks)
+        tracks.finish()
     }
 
     /// These joints and those of `other` after them.
-    pub fn with(&self, other: &Self) -> Self {
-        let mut both = Self::new(self.joints + other.joints);
+    pub fn with(&self, other: &Self) -> Result<Self> {
+        let mut both = Growing::new(self.folder(), self.joints() + other.joints())?;
         for f in 0..self.frames() {
-            both.values.extend_from_slice(&self.values[f * self.joints..(f + 1) * self.joints]);
-            both.values.extend_from_slice(&other.values[f * other.joints..(f + 1) * other.joints]);
+            let mut row = self.frame(f)?;
+            row.extend(other.frame(f)?);
+            both.push(&row)?;
         }
-        both
+        both.finish()
     }
 }

@@ -1,5 +1,6 @@
 //! The GLB container: one JSON chunk and one binary chunk of aligned views.
 
+use crate::error::{Error, Result};
 use serde_json::{Value, json};
 use std::io::{self, Write};
 
@@ -28,19 +29,32 @@ pub(crate) enum Target {
     Other,
 }
 
+/// Bytes of a view in pieces, made when they are written.
+pub(crate) type Pieces = Box<dyn Iterator<Item = Result<Vec<u8>>>>;
+
 /// Views and accessors in the order in which they are added.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(crate) struct Buffer {
     views: Vec<Value>,
     accessors: Vec<Value>,
-    bytes: Vec<Vec<u8>>,
+    parts: Vec<Pieces>,
     length: usize,
 }
 
 impl Buffer {
     /// Adds a view; returns its index.
     pub(crate) fn view(&mut self, bytes: Vec<u8>, target: Target) -> usize {
-        let mut view = json!({ "buffer": 0, "byteOffset": self.length, "byteLength": bytes.len() });
+        let length = bytes.len();
+        self.part(Box::new(std::iter::once(Ok(bytes))), length, target)
+    }
+
+    /// Adds a view of `length` bytes in pieces; returns its index.
+    pub(crate) fn pieces(&mut self, pieces: Pieces, length: usize) -> usize {
+        self.part(pieces, length, Target::Other)
+    }
+
+    fn part(&mut self, part: Pieces, length: usize, target: Target) -> usize {
+        let mut view = json!({ "buffer": 0, "byteOffset": self.length, "byteLength": length });
         match target {
             Target::Attributes(stride) => {
                 view["target"] = json!(34962);
@@ -49,8 +63,8 @@ impl Buffer {
             Target::Indices => view["target"] = json!(34963),
             Target::Other => {}
         }
-        self.length += bytes.len().next_multiple_of(4);
-        self.bytes.push(bytes);
+        self.length += length.next_multiple_of(4);
+        self.parts.push(part);
         self.views.push(view);
         self.views.len() - 1
     }
@@ -74,27 +88,35 @@ impl Buffer {
         self.accessors.len() - 1
     }
 
-    /// Writes the file: `document` with buffers, views and accessors added. An error of kind `InvalidData` if the
-    /// file would not fit the format's 4 GiB.
-    pub(crate) fn write(self, mut document: Value, out: &mut impl Write) -> io::Result<()> {
+    /// Writes the file: `document` with buffers, views and accessors added. `unwritable` makes an error of one of `out`; of kind
+    /// `InvalidData` it is if the file would not fit the format's 4 GiB.
+    pub(crate) fn write(self, mut document: Value, out: &mut impl Write, unwritable: impl Fn(io::Error) -> Error) -> Result<()> {
         document["buffers"] = json!([{ "byteLength": self.length }]);
         document["bufferViews"] = Value::Array(self.views);
         document["accessors"] = Value::Array(self.accessors);
-        let mut json = serde_json::to_vec(&document)?;
+        let mut json = serde_json::to_vec(&document).map_err(|e| unwritable(e.into()))?;
         json.resize(json.len().next_multiple_of(4), b' ');
         let total = 12 + 8 + json.len() as u64 + 8 + self.length as u64;
         let word = |n: u64| u32::try_from(n).map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "a GLB holds at most 4 GiB"));
-        out.write_all(b"glTF")?;
-        for n in [2, word(total)?, word(json.len() as u64)?] {
-            out.write_all(&n.to_le_bytes())?;
-        }
-        out.write_all(b"JSON")?;
-        out.write_all(&json)?;
-        out.write_all(&word(self.length as u64)?.to_le_bytes())?;
-        out.write_all(b"BIN\0")?;
-        for bytes in self.bytes {
-            out.write_all(&bytes)?;
-            out.write_all(&[0; 3][..bytes.len().next_multiple_of(4) - bytes.len()])?;
+        let mut head = || -> io::Result<()> {
+            out.write_all(b"glTF")?;
+            for n in [2, word(total)?, word(json.len() as u64)?] {
+                out.write_all(&n.to_le_bytes())?;
+            }
+            out.write_all(b"JSON")?;
+            out.write_all(&json)?;
+            out.write_all(&word(self.length as u64)?.to_le_bytes())?;
+            out.write_all(b"BIN\0")
+        };
+        head().map_err(&unwritable)?;
+        for pieces in self.parts {
+            let mut length = 0usize;
+            for bytes in pieces {
+                let bytes = bytes?;
+                length += bytes.len();
+                out.write_all(&bytes).map_err(&unwritable)?;
+            }
+            out.write_all(&[0; 3][..length.next_multiple_of(4) - length]).map_err(&unwritable)?;
         }
         Ok(())
     }

@@ -1,10 +1,10 @@
 //! The glTF document: scene, nodes, skin, mesh, animation.
 
-use super::container::{Buffer, Target, bounds, component, float_rows, numbers};
+use super::container::{Buffer, Pieces, Target, bounds, component, float_rows, numbers};
 use super::geometry::{Geometry, Primitive};
 use super::looks::{Looks, linear_color};
 use crate::error::Notes;
-use crate::export::encode::skin::Skin;
+use crate::export::encode::skin::{Key, Skin};
 use crate::scan::Scan;
 use glam::DVec3;
 use serde_json::{Value, json};
@@ -153,16 +153,26 @@ impl Content<'_> {
         (buffer.view(bytes, Target::Indices), component, indices.len())
     }
 
+    /// A part of all keys, node by node.
+    fn keys(&self, part: fn(&Key, &mut Vec<u8>)) -> Pieces {
+        let keys = self.skin.keys.clone();
+        Box::new((0..keys.columns()).map(move |k| {
+            let mut bytes = Vec::new();
+            keys.column(k)?.iter().for_each(|key| part(key, &mut bytes));
+            Ok(bytes)
+        }))
+    }
+
     /// One key per frame and node, from time 0.
     fn animation(&self, buffer: &mut Buffer) -> Value {
         let (nodes, frames) = (self.skin.nodes(), self.skin.frames());
         let times: Vec<[f32; 1]> = (0..frames).map(|f| [(f as f64 / self.rate) as f32]).collect();
         let view = buffer.view(float_rows(times.iter().copied()), Target::Other);
         let input = buffer.accessor(view, 0, component::F32, frames, "SCALAR", bounds(times.iter().copied()));
-        let keys = || (0..nodes).flat_map(|k| (0..frames).map(move |f| f * nodes + k));
-        let rotations = keys().flat_map(|at| self.skin.rotations[at]).flat_map(i16::to_le_bytes).collect();
-        let rotations = buffer.view(rotations, Target::Other);
-        let translations = buffer.view(float_rows(keys().map(|at| self.skin.translations[at])), Target::Other);
+        let rotation = |key: &Key, out: &mut Vec<u8>| out.extend(key.rotation.map(i16::to_le_bytes).as_flattened());
+        let translation = |key: &Key, out: &mut Vec<u8>| out.extend(key.translation.map(f32::to_le_bytes).as_flattened());
+        let rotations = buffer.pieces(self.keys(rotation), nodes * frames * 8);
+        let translations = buffer.pieces(self.keys(translation), nodes * frames * 12);
         let mut samplers = Vec::new();
         let mut channels = Vec::new();
         for k in 0..nodes {

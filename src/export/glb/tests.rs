@@ -94,6 +94,7 @@ fn header(shift: DVec3) -> Arc<Header> {
         unit_box,
         proxy: Arc::new(proxy),
         map: Arc::new(map),
+        take: "walk".into(),
         rate: RATE,
         first_frame: 50,
         frames: FRAMES,
