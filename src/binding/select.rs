@@ -59,7 +59,6 @@ pub enum What {
 const PARTS: [(&str, &[&[Segment]]); 29] = {
     use Segment::*;
     [
-        ("ends", &[&[Head], &[LeftHand], &[RightHand], &[LeftFoot], &[RightFoot]]),
         ("head", &[&[Head]]),
         ("trunk", &[&[Trunk]]),
         ("pelvis", &[&[Pelvis]]),
@@ -88,6 +87,7 @@ const PARTS: [(&str, &[&[Segment]]); 29] = {
         ("right_shank", &[&[RightShank]]),
         ("right_arm", &[&[RightUpperArm, RightForearm, RightHand]]),
         ("right_leg", &[&[RightThigh, RightShank, RightFoot]]),
+        ("ends", &[&[Head], &[LeftHand], &[RightHand], &[LeftFoot], &[RightFoot]]),
     ]
 };
 
@@ -306,7 +306,7 @@ mod tests {
             ("part:left_hnad", "'left_hand'"),
             ("grup:shoes", "'group:'"),
             ("xyzzyx:1", "group:, color:, sphere:, near:, part:"),
-            ("part:", "expected one of ends, head, trunk"),
+            ("part:", "expected one of head, trunk"),
             ("group:", "group:shoes"),
             ("color:#12345", "six hexadecimal digits"),
             ("color:#12345g", "six hexadecimal digits"),
