@@ -8,13 +8,16 @@ mod clusters;
 #[allow(clippy::unwrap_used, clippy::print_stderr)]
 mod corpus;
 mod decisions;
+pub mod driven;
 mod fit;
 mod labels;
 pub mod landmarks;
 mod places;
 mod raw;
 mod reference;
+pub mod regions;
 mod segments;
+pub mod select;
 mod similarity;
 mod skin;
 #[cfg(test)]
@@ -24,6 +27,7 @@ mod track;
 
 pub use bind::bind;
 pub use decisions::Decisions;
+pub use regions::{Regions, Rules};
 pub use segments::Segment;
 pub use similarity::Similarity;
 

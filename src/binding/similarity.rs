@@ -24,6 +24,12 @@ impl Similarity {
         let p = if self.mirror { DVec3::new(-p.x, p.y, p.z) } else { p };
         self.rotation * p * self.scale + self.translation
     }
+
+    /// The point whose image this is.
+    pub fn undo(&self, image: DVec3) -> DVec3 {
+        let p = self.rotation.inverse() * (image - self.translation) / self.scale;
+        if self.mirror { DVec3::new(-p.x, p.y, p.z) } else { p }
+    }
 }
 
 /// The shortest turn from one unit vector to another; opposite vectors turn about a fixed perpendicular.

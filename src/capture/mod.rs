@@ -3,6 +3,7 @@
 mod c3d;
 mod clean;
 mod gaps;
+pub mod handles_csv;
 mod labels;
 mod neighbours;
 mod rigid;

@@ -3,7 +3,8 @@
 use super::args::{Align, Animate, Reference};
 use super::console::Console;
 use super::{outputs, words};
-use crate::binding::{self, Binding, ScanShape, landmarks};
+use crate::binding::{self, Binding, Regions, Rules, ScanShape, driven, landmarks};
+use crate::capture::handles_csv::HandleTable;
 use crate::capture::{self, Capture, Motion, ReadOptions};
 use crate::deform::Handle;
 use crate::deform::volumetric::{Options, Volumetric};
@@ -49,6 +50,7 @@ struct Setup {
     proxy: Arc<Proxy>,
     map: Arc<SurfaceMap>,
     handles: Vec<Handle>,
+    regions: Regions,
     deformer: Volumetric,
     clock: Clock,
     warnings: Vec<String>,
@@ -60,11 +62,10 @@ impl Setup {
         let mut clock = Clock { last: start, laps: Vec::new() };
         let mut warnings = Vec::new();
         let (scan, captures) = rayon::join(|| scan::read(&args.scan), || read_captures(args));
-        let (scan, (capture, reference)) = (scan?, captures?);
+        let (scan, mut captures) = (scan?, captures?);
         clock.lap("read");
         cancel.check()?;
-        let Motion::Markers(take) = &capture.motion;
-        let range = pipeline::select(capture.first_frame, take.frames(), args.frames)?;
+        let range = pipeline::select(captures.capture.first_frame, captures.frames(), args.frames)?;
 
         let unit_box = UnitBox::of(&scan.mesh).ok_or_else(|| {
             Error::malformed("the mesh has no extent").file(&args.scan).expected("faces over at least two different positions")
@@ -73,12 +74,13 @@ impl Setup {
         let triangles = scan.mesh.vertex_triangles();
         let (built, bound) = rayon::join(
             || body(args, &scan, unit_box, &points, &triangles, cancel),
-            || bind(args, &scan, unit_box, &points, &triangles, &capture, reference.as_ref()),
+            || bind(args, &scan, unit_box, &points, &triangles, &mut captures),
         );
         let binding = bound?;
+        let (capture, reference) = (captures.capture, captures.reference);
         console.station("scan", &scan_line(args, &scan, &binding));
         console.station("capture", &capture_line(args, &capture, &binding));
-        console.station("bind", &binding.decisions.bind_line());
+        console.station("bind", &bind_line(args, &binding));
         warn(console, &mut warnings, &scan.notes);
         warn(console, &mut warnings, &capture.notes);
         if let Some(reference) = &reference {
@@ -94,9 +96,10 @@ impl Setup {
         clock.lap("bind and proxy");
         cancel.check()?;
 
-        let (mut proxy, mut handles) = (proxy, Vec::new());
+        let (mut proxy, mut handles, mut regions) = (proxy, Vec::new(), Regions::default());
         for _ in 0..2 {
-            handles = attach(&proxy, &binding, args);
+            regions = Regions::new(&scan, &points, unit_box, &proxy, &binding, &rules(args))?;
+            handles = attach(&proxy, &binding, &regions, args);
             let Some(held) = held_components(&proxy, &handles) else { break };
             proxy = proxy.with_components(|c| held[c as usize]);
             let loose = words::plural(held.iter().filter(|h| !**h).count(), "separate part");
@@ -104,7 +107,15 @@ impl Setup {
             notes.warn(format!("{loose} of the scan without a marker: the nearest part of the body takes it along"));
             warn(console, &mut warnings, &notes);
         }
-        let options = Options { tolerance: args.quality.tolerance(), iterations: args.iterations, ..Options::default() };
+        if !regions.counts.is_empty() {
+            console.station("parts", &regions.words());
+        }
+        let options = Options {
+            tolerance: args.quality.tolerance(),
+            iterations: args.iterations,
+            stiffness: regions.stiffness.clone(),
+            ..Options::default()
+        };
         let (map, deformer) = rayon::join(
             || SurfaceMap::build_by_pieces(&proxy, &points, &scan.mesh.faces, args.map.into()),
             || Volumetric::new(&proxy, &handles, &options),
@@ -121,6 +132,7 @@ impl Setup {
             proxy: Arc::new(proxy),
             map,
             handles,
+            regions,
             deformer,
             clock,
             warnings,
@@ -209,6 +221,7 @@ impl Setup {
             "scan": name(&args.scan),
             "capture": name(&args.capture),
             "reference": args.ref_file.as_deref().map(name),
+            "handles": args.handles.as_deref().map(name),
             "proxy": args.proxy.as_deref().map(name),
         });
         let laps: serde_json::Map<String, Value> =
@@ -216,6 +229,7 @@ impl Setup {
         let decisions = json!({
             "scan": { "vertices": self.scan.mesh.positions.len(), "faces": self.scan.mesh.faces.len(), "diagonal": self.unit_box.diagonal },
             "capture": { "name": self.capture.name, "rate": self.capture.rate, "first_frame": self.capture.first_frame, "summary": self.capture.summary() },
+            "parts": self.regions.counts.iter().map(|(what, stiffness, tets)| json!({ "what": what, "stiffness": stiffness, "tetrahedra": tets })).collect::<Vec<_>>(),
             "binding": binding_json(&self.binding, self.unit_box),
             "proxy": { "vertices": self.proxy.rest.len(), "tetrahedra": self.proxy.tets.len() },
         });
@@ -244,11 +258,53 @@ fn warn(console: &Console, all: &mut Vec<String>, notes: &Notes) {
     }
 }
 
-fn read_captures(args: &Animate) -> Result<(Capture, Option<Capture>)> {
+/// What moves the scan.
+struct Captures {
+    capture: Capture,
+    reference: Option<Capture>,
+    /// Tables of handles; the first is the capture itself where that is one.
+    tables: Vec<HandleTable>,
+}
+
+impl Captures {
+    fn frames(&self) -> usize {
+        let Motion::Markers(take) = &self.capture.motion;
+        match (take.frames(), self.tables.first()) {
+            (0, Some(table)) => table.frames(),
+            (frames, _) => frames,
+        }
+    }
+}
+
+fn is_table(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"))
+}
+
+fn read_captures(args: &Animate) -> Result<Captures> {
     let options = ReadOptions { subject: args.subject.clone(), frames: None };
-    let capture = capture::read(&args.capture, &options)?;
+    let mut tables = Vec::new();
+    let capture = if is_table(&args.capture) {
+        let table = HandleTable::read(&args.capture)?;
+        let capture = table.empty_capture(args.rate);
+        tables.push(table);
+        capture
+    } else {
+        capture::read(&args.capture, &options)?
+    };
+    tables.extend(args.handles.as_ref().map(|path| HandleTable::read(path)).transpose()?);
     let reference = args.ref_file.as_ref().map(|path| read_reference(path, &options)).transpose()?;
-    Ok((capture, reference))
+    Ok(Captures { capture, reference, tables })
+}
+
+/// Hardness of handles on rigid parts against others: a part that cannot bend towards each of its handles leaves them farther away.
+const GRIP: f64 = 4.0;
+
+/// What is rigid or stiffer.
+fn rules(args: &Animate) -> Rules {
+    let mut rules = Rules::default();
+    args.stiffness.iter().for_each(|rule| rules.stiffness(rule.clone()));
+    args.rigid.iter().for_each(|what| rules.rigid(what.clone()));
+    rules
 }
 
 /// The static trial; one of a single person may not name the subject.
@@ -262,9 +318,16 @@ fn read_reference(path: &Path, options: &ReadOptions) -> Result<Capture> {
 }
 
 /// The handles of the bound markers.
-fn attach(proxy: &Proxy, binding: &Binding, args: &Animate) -> Vec<Handle> {
+fn attach(proxy: &Proxy, binding: &Binding, regions: &Regions, args: &Animate) -> Vec<Handle> {
     let rows = HandleRows::new(proxy, args.map.into());
-    binding.handles.iter().map(|h| Handle { name: h.label.clone(), row: rows.row(h.attachment), beta: h.beta }).collect()
+    let on_rigid = regions.on_rigid(proxy, binding.handles.iter().map(|h| h.attachment));
+    let handles = binding.handles.iter().zip(on_rigid);
+    handles
+        .map(|(h, rigid)| {
+            let beta = if rigid && h.beta >= 1.0 { h.beta * GRIP } else { h.beta };
+            Handle { name: h.label.clone(), row: rows.row(h.attachment), beta }
+        })
+        .collect()
 }
 
 /// Which components of the proxy a handle holds; `None` where all or none are held.
@@ -312,8 +375,7 @@ fn bind(
     unit_box: UnitBox,
     points: &[DVec3],
     triangles: &[[u32; 3]],
-    capture: &Capture,
-    reference: Option<&Capture>,
+    captures: &mut Captures,
 ) -> Result<Binding> {
     let tree = TriangleTree::new(points, triangles);
     let shape = ScanShape { tree: &tree, unit_box, space: &scan.space };
@@ -339,8 +401,25 @@ fn bind(
         capture_unit: args.capture_unit,
         capture_up: args.capture_up,
     };
-    binding::bind(&shape, landmarks::find(points, triangles), capture, reference, &options)
-        .map_err(|e| if e.file.is_none() { e.file(&scan.source) } else { e })
+    let body = landmarks::find(points, triangles);
+    let mut binding = match captures.tables.first().filter(|_| is_table(&args.capture)) {
+        Some(table) => driven::unbound(&shape, body.as_ref().ok(), table, &options),
+        None => binding::bind(&shape, body, &captures.capture, captures.reference.as_ref(), &options)
+            .map_err(|e| if e.file.is_none() { e.file(&scan.source) } else { e })?,
+    };
+    for table in &captures.tables {
+        driven::add_handles(&shape, &mut captures.capture, &mut binding, table)?;
+    }
+    Ok(binding)
+}
+
+fn bind_line(args: &Animate, binding: &Binding) -> String {
+    let handles = binding.handles.len() - binding.decisions.bound;
+    match (is_table(&args.capture), handles) {
+        (true, n) => format!("{}, fixed to the scan where they are in their first frames", words::plural(n, "handle")),
+        (false, 0) => binding.decisions.bind_line(),
+        (false, n) => format!("{} · {} of a table", binding.decisions.bind_line(), words::plural(n, "handle")),
+    }
 }
 
 fn scan_line(args: &Animate, scan: &Scan, binding: &Binding) -> String {
@@ -364,15 +443,19 @@ fn scan_line(args: &Animate, scan: &Scan, binding: &Binding) -> String {
 }
 
 fn capture_line(args: &Animate, capture: &Capture, binding: &Binding) -> String {
-    let mut parts = vec![capture_counts(capture), binding.decisions.capture_words(), capture.cleaning.to_string()];
+    let mut parts = vec![
+        capture_counts(capture, if is_table(&args.capture) { "handle" } else { "marker" }),
+        binding.decisions.capture_words(),
+        capture.cleaning.to_string(),
+    ];
     parts.retain(|p| !p.is_empty());
     format!("{}  {}", file_name(&args.capture), parts.join(" · "))
 }
 
-fn capture_counts(capture: &Capture) -> String {
+fn capture_counts(capture: &Capture, noun: &str) -> String {
     let Motion::Markers(take) = &capture.motion;
     let rate = words::digits((capture.rate * 1000.0).round() / 1000.0);
-    format!("{}, {} at {rate} Hz", words::plural(take.markers(), "marker"), words::plural(take.frames(), "frame"))
+    format!("{}, {} at {rate} Hz", words::plural(take.markers(), noun), words::plural(take.frames(), "frame"))
 }
 
 /// A range that reaches beyond the take is cut to it.

@@ -1,5 +1,6 @@
 //! The arguments as typed: strings checked and turned into values, nothing opened yet.
 
+use crate::binding::select::{Selector, Stiffness};
 use crate::deform::volumetric::Options;
 use crate::proxy::rows::MapKind;
 use crate::space::{Axis, Unit};
@@ -12,7 +13,7 @@ use std::path::PathBuf;
     name = "retarget",
     version,
     about = "Make a scan move like what was captured: no rig, no skinning, no hand work",
-    after_help = "Example: retarget scan.obj walk.c3d -o walk.glb\nA file that is called like a subcommand is written ./inspect",
+    after_help = "Example: retarget scan.obj walk.c3d -o walk.glb\nParts (WHAT): group:NAME (OBJ groups and objects; * and ?), color:#rrggbb[~TOLERANCE] (vertex colours), sphere:X,Y,Z,R (scan's unit), near:HANDLE[,HANDLE...], or a part of a body: ends (head, hands and feet), head, hands, feet, upper_arms, left_hand, ...\nA file that is called like a subcommand is written ./inspect",
     args_conflicts_with_subcommands = true,
     subcommand_negates_reqs = true,
     arg_required_else_help = true
@@ -49,7 +50,7 @@ pub struct Inspect {
 pub struct Animate {
     /// The mesh to animate: OBJ, PLY or STL (also .gz)
     pub scan: PathBuf,
-    /// The motion: C3D markers
+    /// The motion: C3D markers, or a table of handles (see --handles) in a .csv file
     pub capture: PathBuf,
     /// What to write; the extension is the format: .glb, .pc2, or .ply/.obj with a run of # for the frame number (repeatable)
     #[arg(short, long = "out", value_name = "FILE", required = true)]
@@ -61,9 +62,18 @@ pub struct Animate {
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
 
+    /// Handles to pull the scan by, beside the markers: rows of frame,name,x,y,z\[,qx,qy,qz,qw\] in the scan's coordinates and unit,
+    /// under a line with these names. A handle is fixed to the scan as it is in its first frame; without a row it is missing in that frame
+    #[arg(long, value_name = "FILE.csv")]
+    pub handles: Option<PathBuf>,
+
     /// Only these frames, inclusive, in the capture's own numbering (for example 120..480)
     #[arg(long, value_name = "A..B", value_parser = parse_frames, help_heading = "Time", allow_hyphen_values = true)]
     pub frames: Option<(i64, i64)>,
+
+    /// Frames per second where the capture is a table of handles
+    #[arg(long, value_name = "HZ", default_value_t = 30.0, value_parser = parse_positive, help_heading = "Time")]
+    pub rate: f64,
 
     /// How the capture is brought onto the scan
     #[arg(long, value_enum, default_value_t = Align::Auto, help_heading = "Placement")]
@@ -117,6 +127,12 @@ pub struct Animate {
     /// How scan vertices and handles follow the proxy: ring-averaged gradients, or the paper's formulas to the letter
     #[arg(long, value_enum, default_value_t = Map::Ring, help_heading = "Proxy")]
     pub map: Map,
+    /// Keep the shape of a part of the scan, for example ends (head, hands and feet of a person) or group:armor_* (repeatable)
+    #[arg(long, value_name = "WHAT", help_heading = "Parts")]
+    pub rigid: Vec<Selector>,
+    /// Make a part of the scan stiffer (above 1) or softer, for example upper_arms=3 against arms that bow (repeatable, later ones win)
+    #[arg(long, value_name = "WHAT=X", help_heading = "Parts")]
+    pub stiffness: Vec<Stiffness>,
 
     /// How far each frame is solved
     #[arg(long, value_enum, default_value_t = QualityArg::Default, help_heading = "Solve")]
