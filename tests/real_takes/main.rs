@@ -105,12 +105,10 @@ impl Run {
 
     /// Demands that every attachment point lies on the segment that its label names, by bones that the program has never seen.
     fn demand_anatomy(&self, bones: &Anatomy) {
-        let space = UnitBox::of(&self.scan.mesh).unwrap();
         let height = self.report["decisions"]["binding"]["scan_height"].as_f64().unwrap();
         let mut wrong = Vec::new();
         for handle in handles(&self.report) {
-            let attachment = DVec3::from(std::array::from_fn(|c| handle["attachment"][c].as_f64().unwrap()));
-            let p = attachment * space.diagonal + space.centre;
+            let p = DVec3::from(std::array::from_fn(|c| handle["attachment"][c].as_f64().unwrap()));
             if let Err(why) = bones.on_segment(handle["segment"].as_str().unwrap(), p, height) {
                 wrong.push(format!("{}: {why}", handle["label"]));
             }
