@@ -57,3 +57,4 @@ pub mod scan;
 pub mod space;
 pub mod spatial;
 pub mod surface;
+mod words;

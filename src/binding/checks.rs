@@ -52,14 +52,13 @@ pub(super) fn same_actor(take: &Take<'_>, still: &Take<'_>) -> Result<()> {
     };
     let mut ratios = Vec::new();
     for (i, a) in take.names.iter() {
-        for (j, b) in take.names.iter().filter(|&(j, b)| j > i && b.segment() == a.segment()) {
+        for (j, _) in take.names.iter().filter(|&(j, b)| j > i && b.segment() == a.segment()) {
             if let (Some(k), Some(l)) = (take.twin(i, still), take.twin(j, still))
                 && let (Some(here), Some(there)) = (typical(take, i, j), typical(still, k, l))
                 && here > 0.0
             {
                 ratios.push(there / here);
             }
-            let _ = b;
         }
     }
     match quantile(&mut ratios, 0.5) {

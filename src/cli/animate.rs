@@ -2,13 +2,14 @@
 
 use super::args::{Align, Animate, Reference};
 use super::console::Console;
-use super::{outputs, words};
+use super::outputs;
 use crate::binding::{self, Binding, Regions, Rules, ScanShape, driven, landmarks};
 use crate::capture::handles_csv::HandleTable;
 use crate::capture::{self, Capture, Motion, ReadOptions};
 use crate::deform::Handle;
 use crate::deform::volumetric::{Options, Volumetric};
 use crate::error::{Error, Kind, Notes, Result};
+use crate::export::files::Pending;
 use crate::export::{Cancel, FrameSink, Header, Written};
 use crate::pipeline::{self, Job, Outcome, Progress};
 use crate::proxy::rows::HandleRows;
@@ -17,6 +18,7 @@ use crate::report::{self, ReportWriter};
 use crate::scan::{self, Scan, UnitBox};
 use crate::spatial::TriangleTree;
 use crate::surface::SurfaceMap;
+use crate::words;
 use glam::DVec3;
 use serde_json::{Value, json};
 use std::ops::Range;
@@ -121,6 +123,13 @@ impl Setup {
             || Volumetric::new(&proxy, &handles, &options),
         );
         let (map, deformer) = (Arc::new(map?), deformer?);
+        if let Some(path) = &args.save_proxy {
+            let mut text = Vec::new();
+            medit::write(&mut text, &proxy, &unit_box).map_err(|e| Error::unwritable(path, &e))?;
+            let mut file = Pending::create(path)?;
+            file.write(&text)?;
+            file.finish()?;
+        }
         clock.lap("map and factor");
         cancel.check()?;
         Ok(Self {

@@ -124,6 +124,9 @@ pub struct Animate {
     /// Use this tetrahedral mesh (MEDIT, in the scan's coordinates) as the proxy
     #[arg(long, value_name = "FILE.mesh", help_heading = "Proxy")]
     pub proxy: Option<PathBuf>,
+    /// Write the proxy (MEDIT, in the scan's coordinates)
+    #[arg(long, value_name = "FILE.mesh", help_heading = "Proxy")]
+    pub save_proxy: Option<PathBuf>,
     /// How scan vertices and handles follow the proxy: ring-averaged gradients, or the paper's formulas to the letter
     #[arg(long, value_enum, default_value_t = Map::Ring, help_heading = "Proxy")]
     pub map: Map,

@@ -2,8 +2,8 @@
 
 #![allow(clippy::print_stderr)]
 
-use super::words;
 use crate::error::Error;
+use crate::words;
 use anstream::eprintln;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::fmt::Write as _;

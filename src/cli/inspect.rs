@@ -2,11 +2,11 @@
 
 use super::args::Inspect;
 use super::console::Console;
-use super::words;
 use crate::binding::landmarks::{self, Body, NotHuman};
 use crate::capture::{self, Motion, ReadOptions};
 use crate::error::{Error, Notes, Result};
 use crate::scan::{self, UnitBox};
+use crate::words;
 use anstream::println;
 use glam::DVec3;
 use serde_json::{Value, json};

@@ -5,7 +5,6 @@ pub mod args;
 mod console;
 mod inspect;
 mod outputs;
-mod words;
 
 use args::{Cli, Command};
 use clap::Parser;

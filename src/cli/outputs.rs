@@ -17,7 +17,7 @@ pub(super) fn sinks(args: &Animate) -> Result<Vec<Box<dyn FrameSink>>> {
         [Some(&args.scan), Some(&args.capture), args.ref_file.as_ref(), args.proxy.as_ref()].into_iter().flatten().collect();
     let mut seen: Vec<PathBuf> = Vec::new();
     let mut sinks = Vec::new();
-    for path in args.out.iter().chain(&args.report) {
+    for path in args.out.iter().chain(&args.report).chain(&args.save_proxy) {
         let whole = absolute(path);
         if seen.iter().any(|other| *other == whole || same_frames(other, &whole)) {
             return Err(Error::new(Kind::Usage, "this output is named twice")
@@ -28,7 +28,7 @@ pub(super) fn sinks(args: &Animate) -> Result<Vec<Box<dyn FrameSink>>> {
             return Err(Error::new(Kind::Usage, "this output would replace an input").file(path).expected("another path"));
         }
         seen.push(whole);
-        if args.report.as_ref() != Some(path) {
+        if args.out.contains(path) {
             sinks.push(sink(path)?);
         }
         if !args.force && files::exists(path) {

@@ -16,6 +16,7 @@ use super::shell::shell;
 use super::weld::weld;
 use crate::error::{Error, Notes, Result};
 use crate::spatial::TriangleTree;
+use crate::words;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -124,37 +125,25 @@ pub struct Summary {
 impl Summary {
     /// `3,512 vertices, 12,840 tetrahedra`.
     pub fn size(&self) -> String {
-        format!("{} vertices, {} tetrahedra", thousands(self.vertices), thousands(self.tetrahedra))
+        format!("{} vertices, {} tetrahedra", words::count(self.vertices), words::count(self.tetrahedra))
     }
 
     /// `one piece · 212 removed across air gaps`.
     pub fn remarks(&self) -> String {
-        let mut words = vec![if self.pieces == 1 { "one piece".into() } else { format!("{} pieces", thousands(self.pieces)) }];
+        let mut words = vec![if self.pieces == 1 { "one piece".into() } else { format!("{} pieces", words::count(self.pieces)) }];
         match self.form {
             Form::Body => {}
             Form::Coat => words.push("a coat around a sheet".into()),
             Form::Cubes => words.push("cubes".into()),
         }
         if self.across_air_gaps > 0 {
-            words.push(format!("{} removed across air gaps", thousands(self.across_air_gaps)));
+            words.push(format!("{} removed across air gaps", words::count(self.across_air_gaps)));
         }
         if self.touching > 0 {
-            words.push(format!("parts touch at {} vertices: held apart", thousands(self.touching)));
+            words.push(format!("parts touch at {} vertices: held apart", words::count(self.touching)));
         }
         words.join(" · ")
     }
-}
-
-fn thousands(n: usize) -> String {
-    let digits = n.to_string();
-    let mut text = String::new();
-    for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            text.push(',');
-        }
-        text.push(digit);
-    }
-    text
 }
 
 /// Builds the proxy of a surface.
@@ -215,7 +204,7 @@ pub fn build(points: &[DVec3], triangles: &[[u32; 3]], options: &BuildOptions, c
     if !joined.is_empty() {
         notes.warn(format!(
             "arms or other parts touch the body: {} tetrahedra still join them {}, and they move together there",
-            thousands(joined.len()),
+            words::count(joined.len()),
             surface.place(&joined)
         ));
     }

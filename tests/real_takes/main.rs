@@ -14,7 +14,7 @@ use anatomy::{Anatomy, segment_of};
 use glam::DVec3;
 use measure::Figures;
 use repeat::{Again, repeated};
-use retarget::scan::{Scan, UnitBox};
+
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -33,7 +33,6 @@ const CLIMB: &str = "motion/c3d/cmu_01_01.c3d";
 struct Run {
     figures: Figures,
     report: Value,
-    scan: Scan,
 }
 
 /// Where finished runs are kept for a look: the folder that `RETARGET_KEEP` names, else one that goes away.
@@ -81,7 +80,7 @@ fn run(name: &str, scan: &str, capture: &str, options: &[&str]) -> Option<Run> {
     let figures = Figures::read(&scan, &output("pc2"), &report);
     eprintln!("      {}\ntable {}", Figures::HEAD, figures.row(name));
     every_marker_is_on_its_own_segment(&report);
-    Some(Run { figures, report, scan })
+    Some(Run { figures, report })
 }
 
 fn handles(report: &Value) -> &Vec<Value> {

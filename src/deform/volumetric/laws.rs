@@ -242,6 +242,24 @@ fn accelerated_and_plain_frames_have_the_same_minimum() {
 }
 
 #[test]
+fn the_laplacian_kills_constants() {
+    for proxy in shapes() {
+        let elements = super::elements::elements(&proxy, &Options::default()).unwrap();
+        let matrix = super::matrix(&vec![false; proxy.rest.len()], &elements, &[], &[]);
+        let (mut sums, mut largest) = (vec![0.0; proxy.rest.len()], 0.0_f64);
+        for column in 0..proxy.rest.len() {
+            for k in matrix.starts[column] as usize..matrix.starts[column + 1] as usize {
+                let (row, value) = (matrix.rows[k] as usize, matrix.values[k]);
+                sums[row] += value;
+                sums[column] += if row == column { 0.0 } else { value };
+                largest = largest.max(value);
+            }
+        }
+        assert!(largest > 0.0 && sums.iter().all(|s| s.abs() < 1e-13 * largest), "{sums:?}");
+    }
+}
+
+#[test]
 fn a_cut_in_the_take_is_solved_as_a_start() {
     for proxy in shapes() {
         let handles = handles(&proxy, 1.0);

@@ -1,7 +1,7 @@
 //! Numbers, lengths and times as a person reads them.
 
 /// `214878` → `214,878`.
-pub(super) fn count(n: usize) -> String {
+pub(crate) fn count(n: usize) -> String {
     let digits = n.to_string();
     let mut out = String::with_capacity(digits.len() + digits.len() / 3);
     for (i, c) in digits.chars().enumerate() {
@@ -14,7 +14,7 @@ pub(super) fn count(n: usize) -> String {
 }
 
 /// `plural(1, "marker")` → `1 marker`, `plural(3, "marker")` → `3 markers`.
-pub(super) fn plural(n: usize, noun: &str) -> String {
+pub(crate) fn plural(n: usize, noun: &str) -> String {
     let tail = if n == 1 {
         ""
     } else if noun.ends_with('x') {
@@ -27,7 +27,7 @@ pub(super) fn plural(n: usize, noun: &str) -> String {
 }
 
 /// Three significant digits, no exponent: `0.412`, `9.06`, `123`.
-pub(super) fn digits(x: f64) -> String {
+pub(crate) fn digits(x: f64) -> String {
     let magnitude = if x == 0.0 { 0 } else { x.abs().log10().floor() as i32 };
     let decimals = (2 - magnitude).clamp(0, 6) as usize;
     let text = format!("{x:.decimals$}");
@@ -35,18 +35,18 @@ pub(super) fn digits(x: f64) -> String {
 }
 
 /// A length in metres, in the unit that a person would say: `0.4 mm`, `31 mm`, `1.78 m`.
-pub(super) fn length(metres: f64) -> String {
+pub(crate) fn length(metres: f64) -> String {
     if metres.abs() < 1.0 { format!("{} mm", digits(metres * 1000.0)) } else { format!("{metres:.2} m") }
 }
 
 /// A duration: `4.9 s`, `2 min 05 s`.
-pub(super) fn seconds(s: f64) -> String {
+pub(crate) fn seconds(s: f64) -> String {
     let whole = s.round() as u64;
     if s < 59.95 { format!("{s:.1} s") } else { format!("{} min {:02} s", whole / 60, whole % 60) }
 }
 
 /// A size in bytes: `11 MB`, `512 kB`.
-pub(super) fn bytes(n: u64) -> String {
+pub(crate) fn bytes(n: u64) -> String {
     match n {
         0..1_000 => format!("{n} B"),
         1_000..1_000_000 => format!("{} kB", digits(n as f64 / 1e3)),
