@@ -62,9 +62,9 @@ pub struct Animate {
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
 
-    /// Handles to pull the scan by, beside the markers: rows of frame,name,x,y,z\[,qx,qy,qz,qw\] in the scan's coordinates and unit,
+    /// Handles to pull the scan by, beside the markers: rows of frame,name,x,y,z and, if they turn, qx,qy,qz,qw in the scan's coordinates and unit,
     /// under a line with these names. A handle is fixed to the scan as it is in its first frame; without a row it is missing in that frame
-    #[arg(long, value_name = "FILE.csv")]
+    #[arg(long, hide_short_help = true, value_name = "FILE.csv")]
     pub handles: Option<PathBuf>,
 
     /// Only these frames, inclusive, in the capture's own numbering (for example 120..480)
@@ -72,7 +72,7 @@ pub struct Animate {
     pub frames: Option<(i64, i64)>,
 
     /// Frames per second where the capture is a table of handles
-    #[arg(long, value_name = "HZ", default_value_t = 30.0, value_parser = parse_positive, help_heading = "Time")]
+    #[arg(long, hide_short_help = true, value_name = "HZ", default_value_t = 30.0, value_parser = parse_positive, help_heading = "Time")]
     pub rate: f64,
 
     /// How the capture is brought onto the scan
@@ -85,50 +85,50 @@ pub struct Animate {
     #[arg(long, value_name = "FILE.c3d", help_heading = "Placement")]
     pub ref_file: Option<PathBuf>,
     /// Which subject, where the capture holds several
-    #[arg(long, value_name = "NAME", help_heading = "Placement")]
+    #[arg(long, hide_short_help = true, value_name = "NAME", help_heading = "Placement")]
     pub subject: Option<String>,
     /// Size of the scan against the captured body, both in metres (1 = the same), instead of fitting it
-    #[arg(long, value_name = "X", value_parser = parse_positive, help_heading = "Placement")]
+    #[arg(long, hide_short_help = true, value_name = "X", value_parser = parse_positive, help_heading = "Placement")]
     pub scale: Option<f64>,
     /// Turn the capture about its up axis, degrees, instead of finding the facing
     #[arg(long, value_name = "DEG", value_parser = parse_finite, help_heading = "Placement", allow_hyphen_values = true)]
     pub yaw: Option<f64>,
     /// Turn the capture by half a turn about up
-    #[arg(long, help_heading = "Placement")]
+    #[arg(long, hide_short_help = true, help_heading = "Placement")]
     pub flip: bool,
     /// Mirror the capture (left becomes right)
-    #[arg(long, help_heading = "Placement")]
+    #[arg(long, hide_short_help = true, help_heading = "Placement")]
     pub mirror: bool,
     /// Exchange the L and R labels of the capture
-    #[arg(long, help_heading = "Placement")]
+    #[arg(long, hide_short_help = true, help_heading = "Placement")]
     pub swap_sides: bool,
     /// Unit of the scan: mm, cm, dm, m, in, ft
-    #[arg(long, value_name = "UNIT", help_heading = "Placement")]
+    #[arg(long, hide_short_help = true, value_name = "UNIT", help_heading = "Placement")]
     pub scan_unit: Option<Unit>,
     /// Axis of the scan that points up: +X, -X, +Y, ...
-    #[arg(long, value_name = "AXIS", help_heading = "Placement", allow_hyphen_values = true)]
+    #[arg(long, hide_short_help = true, value_name = "AXIS", help_heading = "Placement", allow_hyphen_values = true)]
     pub scan_up: Option<Axis>,
     /// Unit of the capture: mm, cm, dm, m, in, ft
-    #[arg(long, value_name = "UNIT", help_heading = "Placement")]
+    #[arg(long, hide_short_help = true, value_name = "UNIT", help_heading = "Placement")]
     pub capture_unit: Option<Unit>,
     /// Axis of the capture that points up: +X, -X, +Y, ...
-    #[arg(long, value_name = "AXIS", help_heading = "Placement", allow_hyphen_values = true)]
+    #[arg(long, hide_short_help = true, value_name = "AXIS", help_heading = "Placement", allow_hyphen_values = true)]
     pub capture_up: Option<Axis>,
     /// Go on with a warning where the placement would be refused as doubtful
-    #[arg(long, help_heading = "Placement")]
+    #[arg(long, hide_short_help = true, help_heading = "Placement")]
     pub accept_doubtful: bool,
 
     /// Surface vertices of the tetrahedral proxy, 100 to 100000
-    #[arg(long, value_name = "N", default_value_t = 3000, value_parser = clap::value_parser!(u32).range(100..=100_000), help_heading = "Proxy")]
+    #[arg(long, hide_short_help = true, value_name = "N", default_value_t = 3000, value_parser = clap::value_parser!(u32).range(100..=100_000), help_heading = "Proxy")]
     pub proxy_vertices: u32,
     /// Use this tetrahedral mesh (MEDIT, in the scan's coordinates) as the proxy
-    #[arg(long, value_name = "FILE.mesh", help_heading = "Proxy")]
+    #[arg(long, hide_short_help = true, value_name = "FILE.mesh", help_heading = "Proxy")]
     pub proxy: Option<PathBuf>,
     /// Write the proxy (MEDIT, in the scan's coordinates)
-    #[arg(long, value_name = "FILE.mesh", help_heading = "Proxy")]
+    #[arg(long, hide_short_help = true, value_name = "FILE.mesh", help_heading = "Proxy")]
     pub save_proxy: Option<PathBuf>,
     /// How scan vertices and handles follow the proxy: ring-averaged gradients, or the paper's formulas to the letter
-    #[arg(long, value_enum, default_value_t = Map::Ring, help_heading = "Proxy")]
+    #[arg(long, hide_short_help = true, value_enum, default_value_t = Map::Ring, help_heading = "Proxy")]
     pub map: Map,
     /// Keep the shape of a part of the scan, for example ends (head, hands and feet of a person) or group:armor_* (repeatable)
     #[arg(long, value_name = "WHAT", help_heading = "Parts")]
@@ -138,10 +138,10 @@ pub struct Animate {
     pub stiffness: Vec<Stiffness>,
 
     /// How far each frame is solved
-    #[arg(long, value_enum, default_value_t = QualityArg::Default, help_heading = "Solve")]
+    #[arg(long, hide_short_help = true, value_enum, default_value_t = QualityArg::Default, help_heading = "Solve")]
     pub quality: QualityArg,
     /// A fixed count of plain iterations per frame (the paper's mode) instead of solving to a tolerance
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "Solve")]
+    #[arg(long, hide_short_help = true, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "Solve")]
     pub iterations: Option<u32>,
 
     /// Threads to use (default: all cores); the outputs are the same bytes for any number
