@@ -3,6 +3,7 @@
 mod animate;
 pub mod args;
 mod console;
+mod decisions;
 mod inspect;
 mod outputs;
 

@@ -1,0 +1,206 @@
+//! The decisions block, the warnings about a run and the closing summary, in words and for the report.
+
+use super::animate::is_table;
+use super::args::Animate;
+use crate::binding::Binding;
+use crate::capture::{Capture, Motion};
+use crate::deform::Handle;
+use crate::error::Notes;
+use crate::export::Written;
+use crate::pipeline::Outcome;
+use crate::scan::{Scan, UnitBox};
+use crate::words;
+use serde_json::{Value, json};
+use std::ops::Range;
+use std::path::Path;
+
+pub(super) fn bind_line(args: &Animate, binding: &Binding) -> String {
+    let handles = binding.handles.len() - binding.decisions.bound;
+    match (is_table(&args.capture), handles) {
+        (true, n) => format!("{}, fixed to the scan where they are in their first frames", words::plural(n, "handle")),
+        (false, 0) => binding.decisions.bind_line(),
+        (false, n) => format!("{} · {} of a table", binding.decisions.bind_line(), words::plural(n, "handle")),
+    }
+}
+
+pub(super) fn scan_line(args: &Animate, scan: &Scan, binding: &Binding) -> String {
+    let mesh = &scan.mesh;
+    let (mut triangles, mut polygons) = (0, 0);
+    mesh.faces.iter().for_each(|f| if f.len() == 3 { triangles += 1 } else { polygons += 1 });
+    let mut faces = Vec::new();
+    if triangles > 0 {
+        faces.push(words::plural(triangles, "triangle"));
+    }
+    if polygons > 0 {
+        faces.push(words::plural(polygons, "polygon"));
+    }
+    format!(
+        "{}  {}, {}  {}",
+        file_name(&args.scan),
+        words::plural(mesh.positions.len(), "vertex"),
+        faces.join(", "),
+        binding.decisions.scan_words()
+    )
+}
+
+pub(super) fn capture_line(args: &Animate, capture: &Capture, binding: &Binding) -> String {
+    let mut parts = vec![
+        capture_counts(capture, if is_table(&args.capture) { "handle" } else { "marker" }),
+        binding.decisions.capture_words(),
+        capture.cleaning.to_string(),
+    ];
+    parts.retain(|p| !p.is_empty());
+    format!("{}  {}", file_name(&args.capture), parts.join(" · "))
+}
+
+fn capture_counts(capture: &Capture, noun: &str) -> String {
+    let Motion::Markers(take) = &capture.motion;
+    let rate = words::digits((capture.rate * 1000.0).round() / 1000.0);
+    format!("{}, {} at {rate} Hz", words::plural(take.markers(), noun), words::plural(take.frames(), "frame"))
+}
+
+/// A range that reaches beyond the take is cut to it.
+pub(super) fn cut(args: &Animate, capture: &Capture, range: &Range<usize>) -> Notes {
+    let mut notes = Notes::default();
+    let (first, last) = (capture.first_frame + range.start as i64, capture.first_frame + range.end as i64 - 1);
+    if let Some((a, b)) = args.frames.filter(|&(a, b)| a < first || b > last) {
+        notes.warn(format!("--frames {a}..{b} reaches beyond the take: frames {first}..{last} are written"));
+    }
+    notes
+}
+
+/// The markers that do not pull, by name.
+pub(super) fn unbound(binding: &Binding) -> Notes {
+    const NAMED: usize = 6;
+    let mut notes = Notes::default();
+    if !binding.unbound.is_empty() {
+        let named: Vec<String> =
+            binding.unbound.iter().take(NAMED).map(|(label, reason)| format!("{label} ({reason})")).collect();
+        let more = binding.unbound.len().saturating_sub(NAMED);
+        let more = if more > 0 { format!(" and {more} more, see --verbose") } else { String::new() };
+        notes.warn(format!("{} not bound: {}{more}", words::plural(binding.unbound.len(), "marker"), named.join(", ")));
+    }
+    notes
+}
+
+/// One line per marker, for `--verbose`.
+pub(super) fn binding_details(binding: &Binding) -> Vec<String> {
+    let bound = binding.handles.iter().map(|h| {
+        let segment = h.segment.map_or("as it is", |s| s.name());
+        let doubt = if h.beta < 1.0 { "  (doubtful: soft)" } else { "" };
+        format!("{:<12} {segment}{doubt}", h.label)
+    });
+    bound.chain(binding.unbound.iter().map(|(label, reason)| format!("{label:<12} not bound: {reason}"))).collect()
+}
+
+/// The decisions of the binding for the report.
+pub(super) fn binding_json(binding: &Binding, unit_box: UnitBox) -> Value {
+    let d = &binding.decisions;
+    let known = |value: String, how: crate::space::Evidence| json!({ "value": value, "from": how.to_string() });
+    json!({
+        "align": d.align.to_string(),
+        "on_skin": d.on_skin,
+        "reference_frame": d.reference_frame,
+        "reference_capture": d.reference_capture,
+        "scale": d.scale,
+        "yaw_degrees": d.yaw,
+        "scan_unit": d.scan_unit.map(|k| known(k.value.to_string(), k.how)),
+        "scan_up": d.scan_up.map(|k| json!({ "value": k.value.to_array(), "from": k.how.to_string() })),
+        "scan_forward": d.scan_forward.map(|k| json!({ "value": k.value.to_array(), "from": k.how.to_string() })),
+        "scan_height": d.scan_height,
+        "capture_unit": d.capture_unit.map(|k| known(k.value.to_string(), k.how)),
+        "capture_up": d.capture_up.map(|k| known(k.value.to_string(), k.how)),
+        "actor_height": d.actor_height,
+        "marker_set": d.set,
+        "markers": d.markers,
+        "named": d.named,
+        "bound": d.bound,
+        "fit_residual_percent_of_height": d.residual.map(|(median, p90)| json!({ "median": median, "p90": p90 })),
+        "strain_percent": d.strain.map(|(median, p95)| json!({ "median": median, "p95": p95 })),
+        "proportions": d.proportions.iter().map(|&(name, ratio)| (name.to_owned(), json!(ratio))).collect::<serde_json::Map<_, _>>(),
+        "handles": binding.handles.iter().map(|h| json!({
+            "label": h.label,
+            "segment": h.segment.map(|s| s.name()),
+            "attachment": unit_box.leave(h.attachment).to_array(),
+            "beta": h.beta,
+        })).collect::<Vec<_>>(),
+        "unbound": binding.unbound.iter().map(|(label, reason)| json!({ "label": label, "reason": reason })).collect::<Vec<_>>(),
+    })
+}
+
+pub(super) fn solve_line(args: &Animate) -> String {
+    match args.iterations {
+        Some(n) => format!("volumetric, {n} plain iterations per frame"),
+        None => format!("volumetric, quality {:?}", args.quality).to_lowercase(),
+    }
+}
+
+/// Warnings about the frames, one per kind.
+pub(super) fn outcome_warnings(outcome: &Outcome, diagonal: f64, metres: Option<f64>) -> Vec<String> {
+    let mut texts = Vec::new();
+    if outcome.held.count() > 0 {
+        texts.push(format!("{} without any marker: the pose was held", outcome.held));
+    }
+    if outcome.folds.count() > 0 {
+        texts.push(format!(
+            "fold at {}: more than 10 tetrahedra are inside out there, so look at deep creases of the skin",
+            outcome.folds
+        ));
+    }
+    if outcome.unsolved.count() > 0 {
+        let error = length(outcome.unsolved_error * diagonal, metres);
+        texts.push(format!("{} not solved to the tolerance, but to within about {error}", outcome.unsolved));
+    }
+    if outcome.recovered.count() > 0 {
+        texts.push(format!("{} found again from the rest pose: the body may jump there", outcome.recovered));
+    }
+    texts
+}
+
+/// A length of the scan as a person reads it.
+fn length(scan_units: f64, metres: Option<f64>) -> String {
+    match metres {
+        Some(m) => words::length(scan_units * m),
+        None => format!("{} units", words::digits(scan_units)),
+    }
+}
+
+pub(super) fn done_line(outcome: &Outcome, total: f64, handles: &[Handle], metres: Option<f64>, diagonal: f64) -> String {
+    let residual =
+        |mm: f64| if metres.is_some() { format!("{} mm", words::digits(mm)) } else { format!("{} units", words::digits(mm)) };
+    let mut parts = vec![words::seconds(total)];
+    if let Some((worst, handle, frame)) = outcome.worst {
+        parts.push(format!(
+            "residual median {}, worst {} ({}, frame {frame})",
+            residual(outcome.residuals.quantile(0.5)),
+            residual(worst),
+            handles[handle].name
+        ));
+    }
+    parts.push(format!("volume {:.1}–{:.1} %", outcome.volume.0 * 100.0, outcome.volume.1 * 100.0));
+    for written in &outcome.written {
+        parts.push(written_words(written, diagonal, metres));
+    }
+    parts.join(" · ")
+}
+
+fn written_words(written: &Written, diagonal: f64, metres: Option<f64>) -> String {
+    let mut text = format!("{} {} ({}", written.path.display(), words::bytes(written.bytes), written.encoding);
+    if written.max_error > 0.0 {
+        let percent = |e: f64| words::digits(e / diagonal * 100.0);
+        text += &format!(
+            ", rms {} %, worst vertex {} % = {}",
+            percent(written.rms_error),
+            percent(written.max_error),
+            length(written.max_error, metres)
+        );
+        if let Some(frame) = written.worst_frame {
+            text += &format!(" in frame {frame}");
+        }
+    }
+    text + ")"
+}
+
+pub(super) fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
