@@ -213,6 +213,8 @@ fn remove_jumps(take: &mut MarkerTake, common: &[DVec3], rate: f64, size: f64, c
     let step_limit = (SPEED * size / rate).max(SMALLEST_JUMP * size);
     let bend_limit = (ACCELERATION * size / (rate * rate)).max(SMALLEST_JUMP * size);
     let stray = (STRAY * rate) as usize;
+    // Where the whole body is elsewhere the take was cut, and its markers are right on both sides.
+    let cut = |f: usize| common[f].length() > step_limit;
     let mut fast = Vec::new();
     let mut bad: Vec<bool> = vec![false; frames];
     for marker in 0..markers {
@@ -220,8 +222,7 @@ fn remove_jumps(take: &mut MarkerTake, common: &[DVec3], rate: f64, size: f64, c
         let mut jumps: Vec<usize> = Vec::new();
         let mut before: Option<DVec3> = None;
         for f in 0..frames - 1 {
-            // Where the whole body is elsewhere the take was cut, and its markers are right on both sides.
-            if common[f].length() > step_limit {
+            if cut(f) {
                 before = None;
                 continue;
             }
