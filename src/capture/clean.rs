@@ -304,7 +304,7 @@ fn trim(take: &mut MarkerTake, first_frame: &mut i64, cleaning: &mut Cleaning, n
 }
 
 /// Keeps the frames `start..end`, counted from 0.
-pub(super) fn cut(take: &mut MarkerTake, start: usize, end: usize) {
+fn cut(take: &mut MarkerTake, start: usize, end: usize) {
     let markers = take.markers();
     take.points.truncate(end * markers);
     take.points.drain(..start * markers);

@@ -28,8 +28,6 @@ use std::path::{Path, PathBuf};
 pub struct ReadOptions {
     /// Subject by its label prefix; `None` takes the one with most markers.
     pub subject: Option<String>,
-    /// First and last frame, inclusive, in the capture's own numbering; `None` takes all.
-    pub frames: Option<(i64, i64)>,
 }
 
 /// Reads and cleans a capture file; the format is told by the contents.
@@ -37,7 +35,7 @@ pub struct ReadOptions {
 /// What is doubtful about the file and what cleaning did is in [`Capture::notes`] and [`Capture::cleaning`].
 ///
 /// # Errors
-/// Unreadable or broken files, formats that are not read yet, files with nothing to animate, a subject or frames that are not there.
+/// Unreadable or broken files, formats that are not read yet, files with nothing to animate, a subject that is not there.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Capture> {
     known_format(path)?;
     let capture = c3d::C3d::open(path).and_then(|file| assemble(file, path, options));
@@ -221,10 +219,6 @@ fn assemble<R: Read + Seek>(mut file: c3d::C3d<R>, path: &Path, options: &ReadOp
             *label = format!("M{:03}", n + 1);
         }
     }
-    let available = (file.first_frame, file.first_frame + file.frames as i64 - 1);
-    if let Some(wanted) = options.frames {
-        check_frames(wanted, available)?;
-    }
     let selection =
         labels::select(&file.labels, &file.computed, &file.subjects, options.subject.as_deref(), &mut cleaning, &mut notes)?;
     let points = file.points(&selection.columns)?;
@@ -233,16 +227,6 @@ fn assemble<R: Read + Seek>(mut file: c3d::C3d<R>, path: &Path, options: &ReadOp
     let mut first_frame = file.first_frame;
     clean::clean(&mut take, &mut first_frame, file.rate, &mut cleaning, &mut notes)?;
     check_size(clean::size(&take), file.space.unit, &mut notes);
-    if let Some((from, to)) = options.frames {
-        let last = first_frame + take.frames() as i64 - 1;
-        let (start, end) = (from.max(first_frame), to.min(last));
-        if start > end {
-            return Err(Error::new(Kind::Refused, format!("frames {from} to {to} have no markers"))
-                .expected(format!("frames between {first_frame} and {last}")));
-        }
-        clean::cut(&mut take, (start - first_frame) as usize, (end + 1 - first_frame) as usize);
-        first_frame = start;
-    }
 
     let only = match &file.subjects[..] {
         [one] => Some(one.clone()),
@@ -259,17 +243,6 @@ fn assemble<R: Read + Seek>(mut file: c3d::C3d<R>, path: &Path, options: &ReadOp
         cleaning,
         notes,
     })
-}
-
-fn check_frames((from, to): (i64, i64), (first, last): (i64, i64)) -> Result<()> {
-    if from > to {
-        return Err(Error::new(Kind::Usage, format!("frames {from}..{to} run backwards")).hint(format!("frames {to}..{from}")));
-    }
-    if from < first || to > last {
-        return Err(Error::new(Kind::Usage, format!("frames {from}..{to} are not all in the capture"))
-            .expected(format!("frames within {first}..{last}")));
-    }
-    Ok(())
 }
 
 /// Warns where the unit makes the body absurdly large or small; the values are left alone.
