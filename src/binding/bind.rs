@@ -12,7 +12,7 @@ use super::{
     Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, checks, clusters, places, raw, refuse,
     skin,
 };
-use crate::capture::{Capture, Motion};
+use crate::capture::Capture;
 use crate::error::{Error, Kind, Notes, Result};
 use crate::space::{Evidence, Known, Unit};
 use glam::DVec3;
@@ -105,7 +105,7 @@ pub(super) struct Take<'a> {
 
 impl<'a> Take<'a> {
     pub(super) fn of(capture: &'a Capture, options: &Options) -> Self {
-        let Motion::Markers(take) = &capture.motion;
+        let take = capture.motion.points();
         let track = Track { take, mirror: options.mirror };
         let names = labels::name(&take.labels, &track.coverage(), options.swap_sides);
         Self { capture, track, names }

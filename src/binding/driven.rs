@@ -7,8 +7,8 @@ use super::landmarks::Body;
 use super::segments::Skeleton;
 use super::similarity::Similarity;
 use super::{Align, Binding, BoundMarker, Decisions, Options, ScanShape, Segment, SegmentPlace};
+use crate::capture::Capture;
 use crate::capture::handles_csv::HandleTable;
-use crate::capture::{Capture, Motion};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::space::{Evidence, Known};
 use glam::{DQuat, DVec3};
@@ -72,7 +72,7 @@ pub fn unbound(scan: &ScanShape<'_>, body: Option<&Body>, table: &HandleTable, o
 /// [`Kind::Refused`] when a handle rests far from the scan or the frames do not meet; [`Kind::Usage`] when a handle has a marker's name.
 pub fn add_handles(scan: &ScanShape<'_>, capture: &mut Capture, binding: &mut Binding, table: &HandleTable) -> Result<()> {
     let mut notes = Notes::default();
-    let Motion::Markers(take) = &mut capture.motion;
+    let take = capture.motion.points_mut();
     if let Some(name) = table.names.iter().find(|name| take.labels.contains(name)) {
         return Err(Error::new(Kind::Usage, format!("handle {name} has the name of a marker"))
             .file(&table.source)

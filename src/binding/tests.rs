@@ -229,7 +229,7 @@ fn mirrored_markers_are_refused_with_the_options_that_decide() {
     let labels = labels_of(&PLUG_IN_GAIT);
     let frame = landmarks_of(&person, &labels).iter().map(|o| o.place).collect();
     let mut capture = take(&person, &labels, &[frame], 0.4, 0.5);
-    let Motion::Markers(markers) = &mut capture.motion;
+    let markers = capture.motion.points_mut();
     for p in &mut markers.points {
         p[0] = -p[0];
     }
@@ -302,13 +302,13 @@ fn a_capture_on_the_scan_is_bound_as_it_is() {
     let labels = labels_of(&PLUG_IN_GAIT);
     let frame: Vec<DVec3> = landmarks_of(&person, &labels).iter().map(|o| o.place).collect();
     let mut capture = take(&person, &labels, std::slice::from_ref(&frame), 0.0, 0.0);
-    let Motion::Markers(markers) = &mut capture.motion;
+    let markers = capture.motion.points_mut();
     markers.points = frame.iter().map(|&p| person.unit_box.leave(p).as_vec3().to_array()).collect();
     capture.space.unit = None;
     let binding = bound(&person, &capture, &Options::default()).unwrap();
     assert_eq!(binding.decisions.align, Align::None);
     let (mut positions, mut present) = (Vec::new(), Vec::new());
-    let Motion::Markers(markers) = &capture.motion;
+    let markers = capture.motion.points();
     binding.targets(&markers.points, &mut positions, &mut present);
     for (handle, target) in binding.handles.iter().zip(&positions) {
         assert!((handle.attachment - target).length() < 1e-9);
@@ -329,7 +329,7 @@ fn what_is_no_body_is_refused_with_the_way_out() {
     assert!(error.to_string().contains("--align none"));
     let few = labels_of(&["a", "b", "c", "LASI", "RASI"]);
     let mut nameless = capture.clone();
-    let Motion::Markers(markers) = &mut nameless.motion;
+    let markers = nameless.motion.points_mut();
     markers.labels = few;
     markers.points.truncate(5);
     assert_eq!(bound(&person, &nameless, &Options::default()).unwrap_err().exit_code(), 3);

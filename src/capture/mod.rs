@@ -2,6 +2,7 @@
 
 mod c3d;
 mod clean;
+mod format;
 mod gaps;
 pub mod handles_csv;
 mod labels;
@@ -15,11 +16,12 @@ mod c3d_writer;
 #[cfg(test)]
 mod tests;
 
-use crate::error::{Error, Kind, Notes, Result};
+use crate::error::{Notes, Result};
 use crate::space::{Known, Space, Unit};
-use glam::DVec3;
+use crate::words;
+use format::Format;
+use glam::{DQuat, DVec3};
 use std::fmt;
-use std::fs::File;
 use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
 
@@ -37,8 +39,10 @@ pub struct ReadOptions {
 /// # Errors
 /// Unreadable or broken files, formats that are not read yet, files with nothing to animate, a subject that is not there.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Capture> {
-    known_format(path)?;
-    let capture = c3d::C3d::open(path).and_then(|file| assemble(file, path, options));
+    let capture = match format::tell(path)? {
+        Format::C3d => c3d::C3d::open(path).and_then(|file| assemble(file, path, options)),
+        other => Err(other.unsupported()),
+    };
     capture.map_err(|e| if e.file.is_none() { e.file(path) } else { e }.hint_for_broken_file())
 }
 
@@ -66,12 +70,12 @@ pub struct Capture {
 impl Capture {
     /// One line for people: `41 markers, 320 frames at 120 Hz · mm · Z up (file) · dropped 3 ghosts · 212 gaps filled`.
     pub fn summary(&self) -> String {
-        let Motion::Markers(take) = &self.motion;
+        let take = self.motion.points();
         let rate = (self.rate * 1000.0).round() / 1000.0;
         let mut parts = vec![format!(
             "{}, {} at {rate} Hz",
-            counted(take.markers(), "marker", "markers"),
-            counted(take.frames(), "frame", "frames")
+            words::plural(take.markers(), self.motion.noun()),
+            words::plural(take.frames(), "frame")
         )];
         parts.extend(self.space.unit.map(|u| u.value.to_string()));
         parts.extend(self.space.up.map(|u| format!("{} up ({})", u.value.to_string().trim_start_matches('+'), u.how)));
@@ -87,6 +91,64 @@ impl Capture {
 pub enum Motion {
     /// Trajectories of points on the surface.
     Markers(MarkerTake),
+    /// Joints with places and turns, inside of the body.
+    Skeleton(SkeletonTake),
+    /// Vertices of a captured surface.
+    Vertices(MarkerTake),
+}
+
+impl Motion {
+    /// Trajectories of the points that move: markers, origins of joints, vertices.
+    pub fn points(&self) -> &MarkerTake {
+        match self {
+            Motion::Markers(take) | Motion::Vertices(take) => take,
+            Motion::Skeleton(skeleton) => &skeleton.origins,
+        }
+    }
+
+    /// As [`Motion::points`], to be changed.
+    pub fn points_mut(&mut self) -> &mut MarkerTake {
+        match self {
+            Motion::Markers(take) | Motion::Vertices(take) => take,
+            Motion::Skeleton(skeleton) => &mut skeleton.origins,
+        }
+    }
+
+    /// What a point is called, for people.
+    pub fn noun(&self) -> &'static str {
+        match self {
+            Motion::Markers(_) => "marker",
+            Motion::Skeleton(_) => "joint",
+            Motion::Vertices(_) => "vertex",
+        }
+    }
+}
+
+/// Places and turns of the joints of a skeleton, or of segments without a hierarchy, frame by frame.
+#[derive(Clone, Debug, Default)]
+pub struct SkeletonTake {
+    /// The joints; parents come before their children.
+    pub joints: Vec<Joint>,
+    /// Where the joints are, as trajectories labelled by the joints' names.
+    pub origins: MarkerTake,
+    /// Frame-major turns of the joints in the capture's axes, as quaternions `x y z w` from the joint's own axes into those of the
+    /// capture, `frames × joints`; NaN where the origin is.
+    pub rotations: Vec<[f32; 4]>,
+}
+
+/// A joint at rest.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Joint {
+    /// Its name, unique in the take.
+    pub name: String,
+    /// Its parent, an earlier joint; `None` for a root.
+    pub parent: Option<usize>,
+    /// Where it is at rest, in the capture's unit and axes; NaN where the file has no rest.
+    pub rest: DVec3,
+    /// How it is turned at rest.
+    pub rest_turn: DQuat,
+    /// Whether it is only the end of a bone and has no turn of its own.
+    pub end: bool,
 }
 
 /// Trajectories of labelled points, frame by frame.
@@ -174,39 +236,6 @@ impl fmt::Display for Cleaning {
 /// `1 gap`, `2 gaps`.
 fn counted(n: usize, one: &str, many: &str) -> String {
     format!("{n} {}", if n == 1 { one } else { many })
-}
-
-/// By the first bytes, and by the extension where they say nothing.
-fn known_format(path: &Path) -> Result<()> {
-    let mut start = Vec::new();
-    let file = File::open(path).map_err(|e| Error::unreadable(path, &e))?;
-    // A folder fails here on its first read; its own message comes from the reader of the format.
-    let _ = file.take(64).read_to_end(&mut start);
-    let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-    let text = String::from_utf8_lossy(&start);
-    let text = text.trim_start_matches('\u{feff}').trim_start();
-    let begins = |word: &str| text.get(..word.len()).is_some_and(|t| t.eq_ignore_ascii_case(word));
-    let unsupported = |what: &str| {
-        Err(Error::new(Kind::Unsupported, what.to_owned())
-            .file(path)
-            .expected("a C3D file with labelled markers")
-            .hint("export the markers as C3D"))
-    };
-    if start.get(1) == Some(&0x50) && (extension == "c3d" || !text.is_ascii() || start.contains(&0)) {
-        return Ok(());
-    }
-    let skeleton = "skeleton takes are not read yet";
-    match extension.as_str() {
-        _ if begins("HIERARCHY") => unsupported(&format!("is BVH text: {skeleton}")),
-        _ if begins("PathFileType") => unsupported("is a TRC table: marker tables are not read yet"),
-        _ if begins("Kaydara FBX") => unsupported(&format!("is an FBX file: {skeleton}")),
-        _ if begins("glTF") => unsupported(&format!("is a glTF file: {skeleton}")),
-        "bvh" | "asf" | "amc" | "fbx" | "gltf" | "glb" | "usd" | "usda" | "usdc" | "usdz" => {
-            unsupported(&format!(".{extension}: {skeleton}"))
-        }
-        "trc" | "csv" | "tsv" => unsupported(&format!(".{extension}: marker tables are not read yet")),
-        _ => Ok(()),
-    }
 }
 
 /// From an opened file to a clean capture.

@@ -5,6 +5,8 @@
 use super::c3d::C3d;
 use super::c3d_writer::{C3dFile, PROCESSORS, Processor};
 use super::*;
+use crate::error::Kind;
+use std::fs::File;
 use std::io::Cursor;
 
 /// The folder of real captures, where this machine has it.
@@ -20,8 +22,7 @@ fn real(file: &str) -> Option<PathBuf> {
 }
 
 fn markers(capture: &Capture) -> &MarkerTake {
-    let Motion::Markers(take) = &capture.motion;
-    take
+    capture.motion.points()
 }
 
 fn from_bytes(bytes: Vec<u8>, options: &ReadOptions) -> Result<Capture> {

@@ -9,7 +9,7 @@ use super::decisions::{
 use super::outputs;
 use crate::binding::{self, Binding, Regions, Rules, ScanShape, driven, landmarks};
 use crate::capture::handles_csv::HandleTable;
-use crate::capture::{self, Capture, Motion, ReadOptions};
+use crate::capture::{self, Capture, ReadOptions};
 use crate::deform::Handle;
 use crate::deform::volumetric::{Options, Volumetric};
 use crate::error::{Error, Kind, Notes, Result};
@@ -161,7 +161,7 @@ impl Setup {
         sinks: Vec<Box<dyn FrameSink>>,
         overlap: bool,
     ) -> Result<()> {
-        let Motion::Markers(take) = &self.capture.motion;
+        let take = self.capture.motion.points();
         let range = self.range.clone();
         let header = Arc::new(Header {
             scan: self.scan.clone(),
@@ -281,7 +281,7 @@ struct Captures {
 
 impl Captures {
     fn frames(&self) -> usize {
-        let Motion::Markers(take) = &self.capture.motion;
+        let take = self.capture.motion.points();
         match (take.frames(), self.tables.first()) {
             (0, Some(table)) => table.frames(),
             (frames, _) => frames,

@@ -3,7 +3,7 @@
 use super::animate::is_table;
 use super::args::Animate;
 use crate::binding::Binding;
-use crate::capture::{Capture, Motion};
+use crate::capture::Capture;
 use crate::deform::Handle;
 use crate::error::Notes;
 use crate::export::Written;
@@ -54,7 +54,7 @@ pub(super) fn capture_line(args: &Animate, capture: &Capture, binding: &Binding)
 }
 
 fn capture_counts(capture: &Capture, noun: &str) -> String {
-    let Motion::Markers(take) = &capture.motion;
+    let take = capture.motion.points();
     let rate = words::digits((capture.rate * 1000.0).round() / 1000.0);
     format!("{}, {} at {rate} Hz", words::plural(take.markers(), noun), words::plural(take.frames(), "frame"))
 }

@@ -3,7 +3,7 @@
 use super::args::Inspect;
 use super::console::Console;
 use crate::binding::landmarks::{self, Body, NotHuman};
-use crate::capture::{self, Motion, ReadOptions};
+use crate::capture::{self, ReadOptions};
 use crate::error::{Error, Notes, Result};
 use crate::scan::{self, UnitBox};
 use crate::words;
@@ -139,7 +139,7 @@ fn body_words(body: &std::result::Result<Body, NotHuman>, unit_box: UnitBox) -> 
 
 fn take(path: &Path) -> Result<Found> {
     let capture = capture::read(path, &ReadOptions::default())?;
-    let Motion::Markers(take) = &capture.motion;
+    let take = capture.motion.points();
     let last = capture.first_frame + take.frames() as i64 - 1;
     let missing = take.points.iter().filter(|p| p[0].is_nan()).count();
     let share = missing as f64 / take.points.len().max(1) as f64;
