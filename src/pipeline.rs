@@ -304,9 +304,7 @@ impl<'a> Solver<'a> {
     fn solve(&mut self, frame: usize) -> Result<FrameMeasure> {
         self.job.header.cancel.check()?;
         let start = Instant::now();
-        let markers = self.job.take.markers();
-        let points = &self.job.take.points[frame * markers..(frame + 1) * markers];
-        self.job.binding.targets(points, &mut self.targets.positions, &mut self.present);
+        self.job.binding.targets(self.job.take, frame, &mut self.targets.positions, &mut self.present);
         let cold = self.presence.is_empty();
         self.fade();
         let stats = if cold { self.job.deformer.start(&self.targets)? } else { self.job.deformer.step(&self.targets)? };

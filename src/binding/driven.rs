@@ -137,7 +137,7 @@ pub fn add_handles(scan: &ScanShape<'_>, capture: &mut Capture, binding: &mut Bi
                 let cell = row * table.names.len() + h.handle;
                 scan.unit_box.enter(table.points[cell]) + table.turns[cell] * (h.unturn * h.axis) * AXES
             });
-            points.push(binding.placement.undo(place).to_array().map(|x| x as f32));
+            points.push(take.stored(binding.placement.undo(place)));
         }
     }
     take.points = points;

@@ -25,12 +25,14 @@ mod skin;
 mod tests;
 mod track;
 
+pub use actor::{ActorSpace, actor_space};
 pub use bind::bind;
 pub use decisions::Decisions;
 pub use regions::{Regions, Rules};
 pub use segments::Segment;
 pub use similarity::Similarity;
 
+use crate::capture::MarkerTake;
 use crate::error::{Error, Notes, Result};
 use crate::scan::UnitBox;
 use crate::space::{Axis, Space, Unit};
@@ -158,16 +160,16 @@ pub struct Binding {
 impl Binding {
     /// Targets of all handles in one frame of the take.
     ///
-    /// Shapes: `frame`: one point per marker of the take, missing ones NaN; `positions`, `present`: one entry per handle, overwritten; the
+    /// Shapes: `take`: the markers that were bound; `frame`: counted from 0; `positions`, `present`: one entry per handle, overwritten; the
     /// position of a missing marker is left as it was.
-    pub fn targets(&self, frame: &[[f32; 3]], positions: &mut Vec<DVec3>, present: &mut Vec<bool>) {
+    pub fn targets(&self, take: &MarkerTake, frame: usize, positions: &mut Vec<DVec3>, present: &mut Vec<bool>) {
         positions.resize(self.handles.len(), DVec3::ZERO);
         present.resize(self.handles.len(), false);
         for ((handle, position), present) in self.handles.iter().zip(positions).zip(present) {
-            let p = frame[handle.marker];
-            *present = !p[0].is_nan();
-            if *present {
-                *position = self.placement.apply(DVec3::new(p[0].into(), p[1].into(), p[2].into()));
+            let p = take.point(frame, handle.marker);
+            *present = p.is_some();
+            if let Some(p) = p {
+                *position = self.placement.apply(p);
             }
         }
     }

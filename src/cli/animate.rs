@@ -9,7 +9,8 @@ use super::decisions::{
 use super::outputs;
 use crate::binding::{self, Binding, Regions, Rules, ScanShape, driven, landmarks};
 use crate::capture::handles_csv::HandleTable;
-use crate::capture::{self, Capture, ReadOptions};
+use crate::capture::resample::Sampling;
+use crate::capture::{self, Capture, ReadOptions, smooth};
 use crate::deform::Handle;
 use crate::deform::volumetric::{Options, Volumetric};
 use crate::error::{Error, Kind, Notes, Result};
@@ -71,6 +72,10 @@ impl Setup {
         let (scan, mut captures) = (scan?, captures?);
         clock.lap("read");
         cancel.check()?;
+        if let Some(hertz) = args.smooth {
+            let capture = &mut captures.capture;
+            smooth::low_pass(&mut capture.motion, capture.rate, hertz).map_err(|e| e.file(&args.capture))?;
+        }
         let range = pipeline::select(captures.capture.first_frame, captures.frames(), args.frames)?;
 
         let unit_box = UnitBox::of(&scan.mesh).ok_or_else(|| {
@@ -83,7 +88,7 @@ impl Setup {
             || bind(args, &scan, unit_box, &points, &triangles, &mut captures),
         );
         let binding = bound?;
-        let (capture, reference) = (captures.capture, captures.reference);
+        let (mut capture, reference) = (captures.capture, captures.reference);
         console.station("scan", &scan_line(args, &scan, &binding));
         console.station("capture", &capture_line(args, &capture, &binding));
         console.station("bind", &bind_line(args, &binding));
@@ -93,6 +98,7 @@ impl Setup {
             warn(console, &mut warnings, &reference.notes);
         }
         warn(console, &mut warnings, &cut(args, &capture, &range));
+        let range = resample(args, &mut capture, range)?;
         warn(console, &mut warnings, &binding.notes);
         warn(console, &mut warnings, &unbound(&binding));
         binding_details(&binding).iter().for_each(|line| console.detail(line));
@@ -289,12 +295,13 @@ impl Captures {
     }
 }
 
+/// Whether the capture is a table of handles.
 pub(super) fn is_table(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"))
+    capture::is_handle_table(path)
 }
 
 fn read_captures(args: &Animate) -> Result<Captures> {
-    let options = ReadOptions { subject: args.subject.clone() };
+    let options = ReadOptions { subject: args.subject.clone(), rate: Some(args.rate), bodies: args.bodies, as_found: false };
     let mut tables = Vec::new();
     let capture = if is_table(&args.capture) {
         let table = HandleTable::read(&args.capture)?;
@@ -318,6 +325,22 @@ fn rules(args: &Animate) -> Rules {
     args.stiffness.iter().for_each(|rule| rules.stiffness(rule.clone()));
     args.rigid.iter().for_each(|what| rules.rigid(what.clone()));
     rules
+}
+
+/// The capture at `--fps`, cut to the frames that are written and those that lead into them; the first one written keeps its number.
+fn resample(args: &Animate, capture: &mut Capture, range: Range<usize>) -> Result<Range<usize>> {
+    /// Positions that a take may have.
+    const MOST: usize = 1 << 30;
+    let Some(rate) = args.fps else { return Ok(range) };
+    let first = capture.first_frame + range.start as i64;
+    let (sampling, lead) = Sampling::new(range, pipeline::PRE_ROLL, capture.rate, rate);
+    if sampling.frames().saturating_mul(capture.motion.points().markers().max(1)) > MOST {
+        return Err(Error::new(Kind::Usage, format!("--fps {rate} makes {} frames", words::count(sampling.frames())))
+            .expected("fewer frames per second, or a shorter range of frames"));
+    }
+    capture.motion = sampling.motion(&capture.motion);
+    (capture.rate, capture.first_frame) = (rate, first - lead as i64);
+    Ok(lead..sampling.frames())
 }
 
 /// The static trial; one of a single person may not name the subject.

@@ -48,6 +48,8 @@ pub(super) fn capture_line(args: &Animate, capture: &Capture, binding: &Binding)
         capture_counts(capture, if is_table(&args.capture) { "handle" } else { "marker" }),
         binding.decisions.capture_words(),
         capture.cleaning.to_string(),
+        args.smooth.map_or_else(String::new, |hz| format!("smoothed at {} Hz", words::digits(hz))),
+        args.fps.map_or_else(String::new, |fps| format!("resampled to {} Hz", words::digits(fps))),
     ];
     parts.retain(|p| !p.is_empty());
     format!("{}  {}", file_name(&args.capture), parts.join(" · "))

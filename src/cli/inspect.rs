@@ -1,9 +1,10 @@
 //! `retarget inspect`: what is in scans, captures and outputs.
 
+mod takes;
+
 use super::args::Inspect;
 use super::console::Console;
 use crate::binding::landmarks::{self, Body, NotHuman};
-use crate::capture::{self, ReadOptions};
 use crate::error::{Error, Notes, Result};
 use crate::scan::{self, UnitBox};
 use crate::words;
@@ -25,7 +26,7 @@ struct Found {
 pub(super) fn run(args: &Inspect, console: &Console) -> Result<()> {
     let mut failure = Ok(());
     for path in &args.files {
-        match look(path) {
+        match look(path, args.ascii) {
             Ok(found) => {
                 print(args, path, &found);
                 found.notes.iter().for_each(|text| console.warning(&format!("{}: {text}", path.display())));
@@ -50,7 +51,7 @@ fn print(args: &Inspect, path: &Path, found: &Found) {
     }
 }
 
-fn look(path: &Path) -> Result<Found> {
+fn look(path: &Path, ascii: bool) -> Result<Found> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let mut head = [0; 12];
     let mut file = File::open(path).map_err(|e| Error::unreadable(path, &e))?;
@@ -59,7 +60,7 @@ fn look(path: &Path) -> Result<Found> {
         b"POINTCACHE2\0" => cache(path),
         [b'g', b'l', b'T', b'F', ..] => binary_gltf(path),
         _ if [".obj", ".ply", ".stl", ".obj.gz", ".ply.gz", ".stl.gz"].iter().any(|e| name.ends_with(e)) => mesh(path),
-        _ => take(path),
+        _ => takes::look(path, ascii),
     }
 }
 
@@ -135,32 +136,6 @@ fn body_words(body: &std::result::Result<Body, NotHuman>, unit_box: UnitBox) -> 
         ),
         Err(reason) => format!("no person was recognised: {}", reason.reason),
     }
-}
-
-fn take(path: &Path) -> Result<Found> {
-    let capture = capture::read(path, &ReadOptions::default())?;
-    let take = capture.motion.points();
-    let last = capture.first_frame + take.frames() as i64 - 1;
-    let missing = take.points.iter().filter(|p| p[0].is_nan()).count();
-    let share = missing as f64 / take.points.len().max(1) as f64;
-    let lines = vec![
-        format!("capture · {}", capture.summary()),
-        format!("subject {} · frames {}..{last}", capture.name, capture.first_frame),
-        format!("{} % of the positions missing after cleaning", words::digits(share * 100.0)),
-        format!("markers {}", take.labels.join(" ")),
-    ];
-    let value = json!({
-        "kind": "capture",
-        "name": capture.name,
-        "frames": take.frames(),
-        "first_frame": capture.first_frame,
-        "rate": capture.rate,
-        "markers": take.labels,
-        "missing": share,
-        "unit": capture.space.unit.map(|u| u.value.to_string()),
-        "up": capture.space.up.map(|u| u.value.to_string()),
-    });
-    Ok(Found { value, lines, notes: capture.notes })
 }
 
 fn cache(path: &Path) -> Result<Found> {
