@@ -9,8 +9,8 @@ use super::segments::{self, Segment, Side, Skeleton};
 use super::similarity::{Held, Similarity, upright};
 use super::track::Track;
 use super::{
-    Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, checks, clusters, places, raw, refuse,
-    skin,
+    Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, Turning, checks, clusters, places, raw,
+    refuse, skin,
 };
 use crate::capture::Capture;
 use crate::error::{Error, Kind, Notes, Result};
@@ -510,6 +510,7 @@ impl Human<'_> {
             handles,
             unbound,
             segments,
+            turning: Turning::default(),
             decisions,
             notes,
         })

@@ -10,6 +10,7 @@ mod corpus;
 mod decisions;
 pub mod driven;
 mod fit;
+pub mod grips;
 mod labels;
 pub mod landmarks;
 mod places;
@@ -27,6 +28,7 @@ mod track;
 
 pub use bind::bind;
 pub use decisions::Decisions;
+pub use driven::Turning;
 pub use regions::{Regions, Rules};
 pub use segments::Segment;
 pub use similarity::Similarity;
@@ -149,6 +151,8 @@ pub struct Binding {
     pub unbound: Vec<(String, String)>,
     /// Parts of the body; empty where no body was needed.
     pub segments: Vec<SegmentPlace>,
+    /// Handles that turn what they hold, with their places in every frame.
+    pub turning: Turning,
     /// All decisions, with their words.
     pub decisions: Decisions,
     /// What was doubtful.
