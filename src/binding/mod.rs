@@ -10,6 +10,7 @@ mod corpus;
 mod decisions;
 pub mod driven;
 mod fit;
+pub mod grips;
 mod labels;
 pub mod landmarks;
 mod places;
@@ -28,6 +29,7 @@ mod track;
 
 pub use bind::bind;
 pub use decisions::Decisions;
+pub use driven::Turning;
 pub use regions::{Regions, Rules};
 pub use segments::Segment;
 pub use similarity::Similarity;
@@ -156,6 +158,8 @@ pub struct Binding {
     pub segments: Vec<SegmentPlace>,
     /// The trajectories that the handles follow, in the space of `placement`, where they are not the capture's own.
     pub trajectories: Option<MarkerTake>,
+    /// Handles that turn what they hold, with their places in every frame.
+    pub turning: Turning,
     /// All decisions, with their words.
     pub decisions: Decisions,
     /// What was doubtful.

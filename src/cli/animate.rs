@@ -3,15 +3,18 @@
 use super::args::{Align, Animate, Reference};
 use super::console::Console;
 use super::decisions::{
-    bind_line, binding_details, binding_json, capture_line, cut, done_line, file_name, outcome_warnings, scan_line, solve_line,
-    unbound,
+    bind_line, binding_details, binding_json, capture_line, cut, done_line, file_name, oriented_json, outcome_warnings,
+    scan_line, solve_line, unbound,
 };
 use super::outputs;
+use crate::binding::grips::{self, Holding};
+use crate::binding::regions::Subject;
+use crate::binding::select::Hold;
 use crate::binding::{self, Binding, Regions, Rules, ScanShape, driven, landmarks};
 use crate::capture::handles_csv::HandleTable;
 use crate::capture::{self, Capture, ReadOptions};
-use crate::deform::Handle;
 use crate::deform::volumetric::{Options, Volumetric};
+use crate::deform::{Grip, Handle, OrientedHandle};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::export::files::Pending;
 use crate::export::{Cancel, FrameSink, Header};
@@ -56,6 +59,7 @@ struct Setup {
     proxy: Arc<Proxy>,
     map: Arc<SurfaceMap>,
     handles: Vec<Handle>,
+    oriented: Vec<OrientedHandle>,
     regions: Regions,
     deformer: Volumetric,
     clock: Clock,
@@ -95,6 +99,7 @@ impl Setup {
         warn(console, &mut warnings, &cut(args, &capture, &range));
         warn(console, &mut warnings, &binding.notes);
         warn(console, &mut warnings, &unbound(&binding));
+        warn(console, &mut warnings, &grips::missing(&binding.turning, &holdings(args), range.clone()));
         binding_details(&binding).iter().for_each(|line| console.detail(line));
         let (proxy, remarks, notes) = built?;
         console.station("proxy", &remarks);
@@ -102,11 +107,13 @@ impl Setup {
         clock.lap("bind and proxy");
         cancel.check()?;
 
-        let (mut proxy, mut handles, mut regions) = (proxy, Vec::new(), Regions::default());
+        let (mut proxy, mut handles, mut oriented, mut regions) = (proxy, Vec::new(), Vec::new(), Regions::default());
         for _ in 0..2 {
-            regions = Regions::new(&scan, &points, unit_box, &proxy, &binding, &rules(args))?;
+            let subject = Subject::new(&scan, &points, unit_box, &proxy, &binding);
+            regions = Regions::new(&subject, &rules(args))?;
             handles = attach(&proxy, &binding, &regions, args);
-            let Some(held) = held_components(&proxy, &handles) else { break };
+            oriented = grips::grips(&subject, &binding.turning.handles, &holdings(args))?;
+            let Some(held) = held_components(&proxy, &handles, &oriented) else { break };
             proxy = proxy.with_components(|c| held[c as usize]);
             let loose = words::plural(held.iter().filter(|h| !**h).count(), "separate part");
             let mut notes = Notes::default();
@@ -120,11 +127,12 @@ impl Setup {
             tolerance: args.quality.tolerance(),
             iterations: args.iterations,
             stiffness: regions.stiffness.clone(),
+            rigid: regions.rigid.clone(),
             ..Options::default()
         };
         let (map, deformer) = rayon::join(
             || SurfaceMap::build_by_pieces(&proxy, &points, &scan.mesh.faces, args.map.into()),
-            || Volumetric::new(&proxy, &handles, &options),
+            || Volumetric::with_oriented(&proxy, &handles, &oriented, &options),
         );
         let (map, deformer) = (Arc::new(map?), deformer?);
         if let Some(path) = &args.save_proxy {
@@ -145,6 +153,7 @@ impl Setup {
             proxy: Arc::new(proxy),
             map,
             handles,
+            oriented,
             regions,
             deformer,
             clock,
@@ -191,6 +200,7 @@ impl Setup {
             first_frame: self.capture.first_frame,
             binding: &self.binding,
             handles: &self.handles,
+            oriented: &self.oriented,
             deformer: Box::new(self.deformer),
             sinks,
             report,
@@ -216,7 +226,9 @@ impl Setup {
             report.finish(&outcome.written, metres, &self.warnings)?;
         }
         let total = self.start.elapsed().as_secs_f64();
-        console.station("done", &done_line(&outcome, total, &self.handles, metres, self.unit_box.diagonal));
+        let names: Vec<&str> =
+            self.handles.iter().map(|h| h.name.as_str()).chain(self.oriented.iter().map(|h| h.name.as_str())).collect();
+        console.station("done", &done_line(&outcome, total, &names, metres, self.unit_box.diagonal));
         let [solve, map, write] = outcome.stage_ms.map(|ms| ms / outcome.frames.max(1) as f64);
         console.detail(&format!(
             "set-up {} · per frame: solve {solve:.1} ms ({:.1} passes), map {map:.1} ms, write {write:.1} ms · outputs completed in {} · peak {}",
@@ -244,6 +256,7 @@ impl Setup {
             "capture": { "name": self.capture.name, "rate": self.capture.rate, "first_frame": self.capture.first_frame, "summary": self.capture.summary() },
             "parts": self.regions.counts.iter().map(|(what, stiffness, tets)| json!({ "what": what, "stiffness": stiffness, "tetrahedra": tets })).collect::<Vec<_>>(),
             "binding": binding_json(&self.binding, self.unit_box),
+            "oriented_handles": self.oriented.iter().map(|h| oriented_json(h, self.unit_box)).collect::<Vec<_>>(),
             "proxy": { "vertices": self.proxy.rest.len(), "tetrahedra": self.proxy.tets.len() },
         });
         vec![("inputs", inputs), ("decisions", decisions), ("setup_ms", Value::Object(laps))]
@@ -312,6 +325,13 @@ fn read_captures(args: &Animate) -> Result<Captures> {
 /// Hardness of handles on rigid parts against others: a part that cannot bend towards each of its handles leaves them farther away.
 const GRIP: f64 = 4.0;
 
+/// What handles of tables hold.
+fn holdings(args: &Animate) -> Vec<Holding> {
+    let holdings =
+        |holds: &[Hold], exact| holds.iter().map(move |hold| Holding { hold: hold.clone(), exact }).collect::<Vec<_>>();
+    [holdings(&args.hold, false), holdings(&args.hold_exact, true)].concat()
+}
+
 /// What is rigid or stiffer.
 fn rules(args: &Animate) -> Rules {
     let mut rules = Rules::default();
@@ -344,15 +364,20 @@ fn attach(proxy: &Proxy, binding: &Binding, regions: &Regions, args: &Animate) -
 }
 
 /// Which components of the proxy a handle holds; `None` where all or none are held.
-fn held_components(proxy: &Proxy, handles: &[Handle]) -> Option<Vec<bool>> {
+fn held_components(proxy: &Proxy, handles: &[Handle], oriented: &[OrientedHandle]) -> Option<Vec<bool>> {
     let mut of_vertex = vec![0; proxy.rest.len()];
     for (tet, &component) in proxy.tets.iter().zip(&proxy.components) {
         tet.iter().for_each(|&v| of_vertex[v as usize] = component);
     }
     let count = proxy.components.iter().max().map_or(0, |&last| last as usize + 1);
     let mut held = vec![false; count];
-    for handle in handles {
-        handle.row.indices.iter().for_each(|&v| held[of_vertex[v as usize] as usize] = true);
+    let mut hold = |vertices: &[u32]| vertices.iter().for_each(|&v| held[of_vertex[v as usize] as usize] = true);
+    handles.iter().for_each(|handle| hold(&handle.row.indices));
+    for handle in oriented {
+        match &handle.grip {
+            Grip::Frame { rows, .. } => rows.iter().for_each(|row| hold(&row.indices)),
+            Grip::Region { vertices, .. } | Grip::Exact { vertices } => hold(vertices),
+        }
     }
     (held.contains(&true) && held.contains(&false)).then_some(held)
 }
@@ -420,8 +445,9 @@ fn bind(
         None => binding::bind(&shape, body, &captures.capture, captures.reference.as_ref(), &options)
             .map_err(|e| if e.file.is_none() { e.file(&scan.source) } else { e })?,
     };
+    let holds: Vec<Hold> = args.hold.iter().chain(&args.hold_exact).cloned().collect();
     for table in &captures.tables {
-        driven::add_handles(&shape, &mut captures.capture, &mut binding, table)?;
+        driven::add_handles(&shape, &mut captures.capture, &mut binding, table, &holds)?;
     }
     Ok(binding)
 }

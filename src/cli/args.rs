@@ -1,6 +1,6 @@
 //! The arguments as typed: strings checked and turned into values, nothing opened yet.
 
-use crate::binding::select::{Selector, Stiffness};
+use crate::binding::select::{Hold, Selector, Stiffness};
 use crate::deform::volumetric::Options;
 use crate::proxy::rows::MapKind;
 use crate::space::{Axis, Unit};
@@ -66,6 +66,15 @@ pub struct Animate {
     /// under a line with these names. A handle is fixed to the scan as it is in its first frame; without a row it is missing in that frame
     #[arg(long, hide_short_help = true, value_name = "FILE.csv")]
     pub handles: Option<PathBuf>,
+
+    /// Let a handle of a table hold a part of the scan and prescribe its place and orientation, for example lid=group:lid; without, a handle that turns
+    /// holds what surrounds it (repeatable)
+    #[arg(long, hide_short_help = true, value_name = "NAME=WHAT")]
+    pub hold: Vec<Hold>,
+
+    /// The same, to rounding: the part is rigid and exactly where the handle puts it; where the handle has no row, it stays
+    #[arg(long, hide_short_help = true, value_name = "NAME=WHAT")]
+    pub hold_exact: Vec<Hold>,
 
     /// Only these frames, inclusive, in the capture's own numbering (for example 120..480)
     #[arg(long, value_name = "A..B", value_parser = parse_frames, help_heading = "Time", allow_hyphen_values = true)]

@@ -20,7 +20,7 @@ use super::reference::frame_index;
 use super::segments::{Segment, Skeleton};
 use super::similarity::{Similarity, turn_between};
 use super::track::Track;
-use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, actor};
+use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, Turning, actor};
 use crate::capture::{Capture, MarkerTake, SkeletonTake};
 use crate::error::{Error, Notes, Result};
 use crate::space::{Evidence, Known};
@@ -151,6 +151,7 @@ pub(super) fn bind(
         segments: segments.to_vec(),
         decisions,
         trajectories: Some(trajectories),
+        turning: Turning::default(),
         notes,
     })
 }
