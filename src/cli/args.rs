@@ -37,7 +37,7 @@ pub enum Command {
 /// Arguments of `retarget inspect`.
 #[derive(Debug, Args)]
 pub struct Inspect {
-    /// Scans (OBJ, PLY, STL, also .gz), captures (C3D), outputs (GLB, PC2)
+    /// Scans (OBJ, PLY, STL, OFF, glTF, GLB, also .gz and .zip), captures (C3D), outputs (GLB, PC2)
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Print JSON, one object per file, for programs
@@ -48,7 +48,7 @@ pub struct Inspect {
 /// Arguments of the main job.
 #[derive(Debug, Args)]
 pub struct Animate {
-    /// The mesh to animate: OBJ, PLY or STL (also .gz)
+    /// The mesh to animate: OBJ, PLY, STL, OFF, glTF or GLB (also .gz and .zip)
     pub scan: PathBuf,
     /// The motion: C3D markers, or a table of handles (see --handles) in a .csv file
     pub capture: PathBuf,
