@@ -1,5 +1,6 @@
 //! Capture files → [`Capture`]. One file per format; cleaning in files of its own.
 
+mod acclaim;
 mod bvh;
 mod c3d;
 mod clean;
@@ -35,6 +36,10 @@ use std::path::{Path, PathBuf};
 pub struct ReadOptions {
     /// Subject by its label prefix; `None` takes the one with most markers.
     pub subject: Option<String>,
+    /// Animation by its name, where the file holds several; `None` takes the longest.
+    pub clip: Option<String>,
+    /// Skeleton of an AMC motion; `None` looks for it beside the motion.
+    pub skeleton: Option<PathBuf>,
 }
 
 /// Reads and cleans a capture file; the format is told by the contents.
@@ -46,6 +51,7 @@ pub struct ReadOptions {
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Capture> {
     let capture = match format::tell(path)? {
         Format::Bvh => source::load(path).and_then(|bytes| Ok(bvh::read(&bytes)?.capture(path))),
+        Format::Acclaim => acclaim::open(path, options.skeleton.as_deref()).map(|file| file.capture(path)),
         Format::C3d => c3d::C3d::open(path).and_then(|file| assemble(file, path, options)),
         other => Err(other.unsupported()),
     };
@@ -174,6 +180,8 @@ pub enum Rest {
     FirstFrame,
     /// The pose in which a skin was bound to the joints.
     Bind,
+    /// The pose in which the file holds its nodes when no animation plays: mostly at rest, but it may be a frame of the motion.
+    Nodes,
 }
 
 impl fmt::Display for Rest {
@@ -183,6 +191,7 @@ impl fmt::Display for Rest {
             Rest::Hierarchy => "the hierarchy with all angles zero",
             Rest::FirstFrame => "the first frame",
             Rest::Bind => "the pose of the skin",
+            Rest::Nodes => "the nodes without animation",
         })
     }
 }

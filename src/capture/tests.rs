@@ -354,7 +354,7 @@ fn real_takes_keep_their_body_markers_only() {
 #[test]
 fn a_subject_is_chosen_by_name() {
     let Some(path) = real("c3d/art_human_2persons_integer.c3d") else { return };
-    let of = |name: &str| read(&path, &ReadOptions { subject: Some(name.into()) });
+    let of = |name: &str| read(&path, &ReadOptions { subject: Some(name.into()), ..ReadOptions::default() });
     let second = of("human2:").unwrap();
     assert_eq!((second.name.as_str(), markers(&second).markers()), ("Human2", 21));
     let foot = markers(&second).labels.iter().position(|l| l == "RFOO").unwrap();

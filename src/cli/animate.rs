@@ -307,7 +307,7 @@ pub(super) fn is_table(path: &Path) -> bool {
 }
 
 fn read_captures(args: &Animate) -> Result<Captures> {
-    let options = ReadOptions { subject: args.subject.clone() };
+    let options = ReadOptions { subject: args.subject.clone(), clip: args.clip.clone(), skeleton: args.skeleton.clone() };
     let mut tables = Vec::new();
     let capture = if is_table(&args.capture) {
         let table = HandleTable::read(&args.capture)?;

@@ -96,6 +96,12 @@ pub struct Animate {
     /// Which subject, where the capture holds several
     #[arg(long, hide_short_help = true, value_name = "NAME", help_heading = "Placement")]
     pub subject: Option<String>,
+    /// Which animation, where the capture holds several (default: the longest)
+    #[arg(long, hide_short_help = true, value_name = "NAME", help_heading = "Capture")]
+    pub clip: Option<String>,
+    /// The skeleton of an AMC capture (default: found beside it)
+    #[arg(long, hide_short_help = true, value_name = "FILE.asf", help_heading = "Capture")]
+    pub skeleton: Option<PathBuf>,
     /// Size of the scan against the captured body, both in metres (1 = the same), instead of fitting it
     #[arg(long, hide_short_help = true, value_name = "X", value_parser = parse_positive, help_heading = "Placement")]
     pub scale: Option<f64>,
