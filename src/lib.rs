@@ -50,6 +50,7 @@ pub mod deform;
 pub mod error;
 pub mod export;
 pub mod linalg;
+pub mod picture;
 pub mod pipeline;
 pub mod proxy;
 pub mod report;
