@@ -61,6 +61,9 @@ pub struct Animate {
     /// Write measures of every frame and all decisions as JSON
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
+    /// Draw the scan from four sides with the attachment points, markers and joints and their names, before the frames are solved
+    #[arg(long, value_name = "FILE.png")]
+    pub picture: Option<PathBuf>,
 
     /// Handles to pull the scan by, beside the markers: rows of frame,name,x,y,z and, if they turn, qx,qy,qz,qw in the scan's coordinates and unit,
     /// under a line with these names. A handle is fixed to the scan as it is in its first frame; without a row it is missing in that frame
