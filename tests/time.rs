@@ -142,7 +142,7 @@ fn smoothing_takes_the_shaking_away() {
     for (name, capture) in [("still.csv", &walk), ("shaken.csv", &shaken)] {
         std::fs::write(work.path().join(name), table(capture, 1)).unwrap();
     }
-    let same = ["--frames", "101..112", "--align", "similarity", "--ref", "1", "--smooth", "6"];
+    let same = ["--frames", "101..112", "--align", "similarity", "--ref", "100", "--smooth", "6"];
     run(work.path(), "still.csv", &[&["-o", "still.pc2"], &same[..]].concat());
     let said = run(work.path(), "shaken.csv", &[&["-o", "smooth.pc2"], &same[..]].concat());
     assert!(said.contains("smoothed at 6 Hz"), "{said}");

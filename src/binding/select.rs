@@ -279,10 +279,41 @@ impl FromStr for Stiffness {
     }
 }
 
+/// `NAME=WHAT`: a handle and the part that it holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Hold {
+    /// Name of the handle.
+    pub handle: String,
+    /// The part.
+    pub what: Selector,
+}
+
+impl FromStr for Hold {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (handle, what) = text.split_once('=').ok_or("expected NAME=WHAT, for example tip=sphere:0,1.6,0.05,0.15")?;
+        if handle.trim().is_empty() {
+            return Err("expected the name of a handle before the equals sign".into());
+        }
+        Ok(Self { handle: handle.trim().to_owned(), what: what.parse()? })
+    }
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_first_equals_sign_parts_handle_and_what() {
+        let hold: Hold = " left hand =group:a=b".parse().unwrap();
+        assert_eq!((hold.handle.as_str(), hold.what.what), ("left hand", What::Group("a=b".into())));
+        for (text, word) in [("tip", "NAME=WHAT"), ("=head", "name of a handle"), ("tip=hnads", "'hands'")] {
+            let error = text.parse::<Hold>().unwrap_err();
+            assert!(error.contains(word), "{text}: {error}");
+        }
+    }
 
     #[test]
     fn every_kind_is_read() {

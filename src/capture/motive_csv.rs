@@ -141,7 +141,7 @@ fn skeleton(head: Head, grid: Grid, turns: Vec<[f32; 4]>, taken: &[&Group]) -> R
         rest_turn: DQuat::IDENTITY,
         end: false,
     });
-    Ok(Export::Bodies(SkeletonTake { joints: joints.collect(), origins, rotations }, head))
+    Ok(Export::Bodies(SkeletonTake { joints: joints.collect(), origins, rotations, ..SkeletonTake::default() }, head))
 }
 
 /// Columns of one marker, bone or rigid body.

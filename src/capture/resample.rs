@@ -62,15 +62,11 @@ impl Sampling {
     pub fn markers(&self, take: &MarkerTake) -> MarkerTake {
         let markers = take.markers();
         let mut points = Vec::with_capacity(self.frames.saturating_mul(markers));
-        for (frame, share) in (0..self.frames).map(|f| self.place(f)) {
+        for frame in 0..self.frames {
             for marker in 0..markers {
                 let at = |f: usize| take.points.get(f * markers + marker).filter(|p| !p[0].is_nan());
-                if share == 0.0 {
-                    points.push(at(frame).copied().unwrap_or([f32::NAN; 3]));
-                    continue;
-                }
-                let known = |f: usize| at(f).map(|p| DVec3::from_array(p.map(f64::from)));
-                points.push(between(known, frame, share).map_or([f32::NAN; 3], |p| p.as_vec3().to_array()));
+                let point = self.point(frame, |f| at(f).map(|p| DVec3::from_array(p.map(f64::from))));
+                points.push(point.map_or([f32::NAN; 3], |p| p.as_vec3().to_array()));
             }
         }
         MarkerTake { labels: take.labels.clone(), points, origin: take.origin }
@@ -78,18 +74,26 @@ impl Sampling {
 
     fn turns(&self, turns: &[[f32; 4]], joints: usize) -> Vec<[f32; 4]> {
         let mut new = Vec::with_capacity(self.frames.saturating_mul(joints));
-        for (frame, share) in (0..self.frames).map(|f| self.place(f)) {
+        for frame in 0..self.frames {
             for joint in 0..joints {
                 let at = |f: usize| turns.get(f * joints + joint).filter(|q| !q[0].is_nan());
-                if share == 0.0 {
-                    new.push(at(frame).copied().unwrap_or([f32::NAN; 4]));
-                    continue;
-                }
-                let known = |f: usize| at(f).map(|q| DQuat::from_array(q.map(f64::from)).normalize());
-                new.push(turned_between(known, frame, share).map_or([f32::NAN; 4], |q| q.to_array().map(|x| x as f32)));
+                let turn = self.turn(frame, |f| at(f).map(|q| DQuat::from_array(q.map(f64::from))));
+                new.push(turn.map_or([f32::NAN; 4], |q| q.to_array().map(|x| x as f32)));
             }
         }
         new
+    }
+
+    /// The place in a new frame of what is `at` the frames of the old take, `None` where it is missing or the take has ended.
+    pub fn point(&self, frame: usize, at: impl Fn(usize) -> Option<DVec3>) -> Option<DVec3> {
+        let (frame, share) = self.place(frame);
+        if share == 0.0 { at(frame) } else { between(at, frame, share) }
+    }
+
+    /// As [`Sampling::point`], for orientations.
+    pub fn turn(&self, frame: usize, at: impl Fn(usize) -> Option<DQuat>) -> Option<DQuat> {
+        let (frame, share) = self.place(frame);
+        if share == 0.0 { at(frame) } else { turned_between(|f| at(f).map(DQuat::normalize), frame, share) }
     }
 }
 

@@ -195,7 +195,8 @@ mod tests {
         };
         let joint = Joint { name: "a".into(), parent: None, rest: DVec3::NAN, rest_turn: DQuat::IDENTITY, end: false };
         let origins = MarkerTake { labels: vec!["a".into()], points: vec![[1.0; 3]; 100], ..MarkerTake::default() };
-        let take = SkeletonTake { joints: vec![joint], origins, rotations: (0..100).map(noisy).collect() };
+        let take =
+            SkeletonTake { joints: vec![joint], origins, rotations: (0..100).map(noisy).collect(), ..SkeletonTake::default() };
         let mut motion = Motion::Skeleton(take);
         low_pass(&mut motion, 100.0, 6.0).unwrap();
         let Motion::Skeleton(take) = motion else { return };

@@ -1,6 +1,6 @@
 //! The arguments as typed: strings checked and turned into values, nothing opened yet.
 
-use crate::binding::select::{Selector, Stiffness};
+use crate::binding::select::{Hold, Selector, Stiffness};
 use crate::deform::volumetric::Options;
 use crate::proxy::rows::MapKind;
 use crate::space::{Axis, Unit};
@@ -37,7 +37,7 @@ pub enum Command {
 /// Arguments of `retarget inspect`.
 #[derive(Debug, Args)]
 pub struct Inspect {
-    /// Scans (OBJ, PLY, STL, also .gz), captures (C3D, TRC, CSV), outputs (GLB, PC2)
+    /// Scans (OBJ, PLY, STL, OFF, glTF, GLB, also .gz and .zip), captures (C3D, TRC, CSV, BVH, AMC), outputs (GLB, PC2)
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Print JSON, one object per file, for programs
@@ -51,7 +51,7 @@ pub struct Inspect {
 /// Arguments of the main job.
 #[derive(Debug, Args)]
 pub struct Animate {
-    /// The mesh to animate: OBJ, PLY or STL (also .gz)
+    /// The mesh to animate: OBJ, PLY, STL, OFF, glTF or GLB (also .gz and .zip)
     pub scan: PathBuf,
     /// The motion: markers in C3D, TRC or CSV (also .gz), or a table of handles (see --handles) in a .csv file
     pub capture: PathBuf,
@@ -64,11 +64,23 @@ pub struct Animate {
     /// Write measures of every frame and all decisions as JSON
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
+    /// Draw the scan from four sides with the attachment points, markers and joints and their names, before the frames are solved
+    #[arg(long, value_name = "FILE.png")]
+    pub picture: Option<PathBuf>,
 
     /// Handles to pull the scan by, beside the markers: rows of frame,name,x,y,z and, if they turn, qx,qy,qz,qw in the scan's coordinates and unit,
     /// under a line with these names. A handle is fixed to the scan as it is in its first frame; without a row it is missing in that frame
     #[arg(long, hide_short_help = true, value_name = "FILE.csv")]
     pub handles: Option<PathBuf>,
+
+    /// Let a handle of a table hold a part of the scan and prescribe its place and orientation, for example lid=group:lid; without, a handle that turns
+    /// holds what surrounds it (repeatable)
+    #[arg(long, hide_short_help = true, value_name = "NAME=WHAT")]
+    pub hold: Vec<Hold>,
+
+    /// The same, to rounding: the part is rigid and exactly where the handle puts it; where the handle has no row, it stays
+    #[arg(long, hide_short_help = true, value_name = "NAME=WHAT")]
+    pub hold_exact: Vec<Hold>,
 
     /// Only these frames, inclusive, in the capture's own numbering (for example 120..480)
     #[arg(long, value_name = "A..B", value_parser = parse_frames, help_heading = "Time", allow_hyphen_values = true)]
@@ -100,6 +112,12 @@ pub struct Animate {
     /// Which subject, where the capture holds several
     #[arg(long, hide_short_help = true, value_name = "NAME", help_heading = "Placement")]
     pub subject: Option<String>,
+    /// Which animation, where the capture holds several (default: the longest)
+    #[arg(long, hide_short_help = true, value_name = "NAME", help_heading = "Capture")]
+    pub clip: Option<String>,
+    /// The skeleton of an AMC capture (default: found beside it)
+    #[arg(long, hide_short_help = true, value_name = "FILE.asf", help_heading = "Capture")]
+    pub skeleton: Option<PathBuf>,
     /// Size of the scan against the captured body, both in metres (1 = the same), instead of fitting it
     #[arg(long, hide_short_help = true, value_name = "X", value_parser = parse_positive, help_heading = "Placement")]
     pub scale: Option<f64>,

@@ -59,7 +59,10 @@ fn look(path: &Path, ascii: bool) -> Result<Found> {
     match &head[..length] {
         b"POINTCACHE2\0" => cache(path),
         [b'g', b'l', b'T', b'F', ..] => binary_gltf(path),
-        _ if [".obj", ".ply", ".stl", ".obj.gz", ".ply.gz", ".stl.gz"].iter().any(|e| name.ends_with(e)) => mesh(path),
+        [b'P', b'K', 3, 4, ..] => mesh(path),
+        _ if [".obj", ".ply", ".stl", ".off", ".gltf", ".glb"].iter().any(|e| name.trim_end_matches(".gz").ends_with(e)) => {
+            mesh(path)
+        }
         _ => takes::look(path, ascii),
     }
 }
@@ -93,8 +96,11 @@ fn mesh(path: &Path) -> Result<Found> {
         ),
         body_words(&body, unit_box),
     ];
-    if let Some(unit) = scan.space.unit {
-        lines.push(format!("unit {} ({})", unit.value, unit.how));
+    let unit = scan.space.unit.map(|u| format!("unit {} ({})", u.value, u.how));
+    let up = scan.space.up.map(|u| format!("{} up ({})", u.value, u.how));
+    let stated: Vec<String> = unit.into_iter().chain(up).collect();
+    if !stated.is_empty() {
+        lines.push(stated.join(" · "));
     }
     let value = json!({
         "kind": "scan",
@@ -103,6 +109,7 @@ fn mesh(path: &Path) -> Result<Found> {
         "box": [round(lo), round(hi)],
         "diagonal": unit_box.diagonal,
         "materials": look.materials.iter().map(|m| m.name.clone()).collect::<Vec<_>>(),
+        "up": scan.space.up.map(|u| u.value.to_string()),
         "groups": look.groups.iter().map(|g| g.group.clone().or(g.object.clone())).collect::<Vec<_>>(),
         "uv": !look.uvs.is_empty(),
         "vertex_colors": !look.colors.is_empty(),

@@ -2,7 +2,7 @@
 
 use super::{Found, triple};
 use crate::binding;
-use crate::capture::{self, Capture, MarkerTake, Motion, ReadOptions};
+use crate::capture::{self, Capture, MarkerTake, Motion, ReadOptions, Rest, SkeletonTake};
 use crate::error::Result;
 use crate::space::Known;
 use crate::words;
@@ -37,7 +37,10 @@ pub(super) fn look(path: &Path, ascii: bool) -> Result<Found> {
     let how = |what: Option<String>, name: &str| what.unwrap_or_else(|| format!("{name} unknown"));
     let mut space_words =
         vec![how(space.unit.map(|u| known(&u)), "unit"), how(space.up.map(|u| format!("{} up ({})", u.value, u.how)), "up")];
-    space_words.extend(stature.map(|s| format!("a person, {} high", words::digits(s))));
+    space_words.extend(stature.map(|s| {
+        let height = space.unit.map_or_else(|| words::digits(s), |u| words::length(s * u.value.metres()));
+        format!("a person, {height} high")
+    }));
     let rate = words::digits((found.rate * 1000.0).round() / 1000.0);
     let mut lines = vec![
         line("capture", &format!("{} · {}", found.name, words::plural(take.markers(), noun))),
@@ -55,6 +58,11 @@ pub(super) fn look(path: &Path, ascii: bool) -> Result<Found> {
         let (from, to) = (clean.first_frame, clean.first_frame + kept.frames() as i64 - 1);
         lines.push(line("used", &format!("{}, frames {from}..{to}", words::plural(kept.markers(), noun))));
     }
+    let skeleton = match &found.motion {
+        Motion::Skeleton(skeleton) => Some(skeleton),
+        _ => None,
+    };
+    lines.extend(skeleton.into_iter().flat_map(bone_lines));
     lines.extend(gap_lines(&found, &gaps, missing, ascii));
 
     let per_marker = gaps.iter().zip(&take.labels).map(|(gap, name)| {
@@ -77,6 +85,7 @@ pub(super) fn look(path: &Path, ascii: bool) -> Result<Found> {
         "rate": found.rate,
         "seconds": seconds,
         "markers": take.labels,
+        "skeleton": skeleton.map(bones),
         "missing": missing,
         "gaps": per_marker.collect::<Vec<Value>>(),
         "unit": space.unit.map(|u| u.value.to_string()),
@@ -96,6 +105,31 @@ pub(super) fn look(path: &Path, ascii: bool) -> Result<Found> {
     let mut notes = clean.notes;
     actor.into_iter().for_each(|a| notes.extend(a.notes));
     Ok(Found { value, lines, notes })
+}
+
+/// The hierarchy and the rest pose of a skeleton, for people.
+fn bone_lines(skeleton: &SkeletonTake) -> Vec<String> {
+    let count = |wanted: fn(&capture::Joint) -> bool| skeleton.joints.iter().filter(|j| wanted(j)).count();
+    let counts = format!(
+        "{}, {}, {}, depth {}",
+        words::plural(count(|j| !j.end), "joint"),
+        words::plural(count(|j| j.parent.is_none()), "root"),
+        words::plural(count(|j| j.end), "bone end"),
+        skeleton.depth(),
+    );
+    vec![line("bones", &counts), line("rest pose", &skeleton.rest.to_string())]
+}
+
+/// The same for programs.
+fn bones(skeleton: &SkeletonTake) -> Value {
+    let (low, high) = skeleton.range();
+    json!({
+        "parents": skeleton.joints.iter().map(|j| j.parent).collect::<Vec<_>>(),
+        "ends": skeleton.joints.iter().map(|j| j.end).collect::<Vec<_>>(),
+        "depth": skeleton.depth(),
+        "rest": (skeleton.rest != Rest::Unknown).then(|| skeleton.rest.to_string()),
+        "range": [low.to_array(), high.to_array()],
+    })
 }
 
 fn line(name: &str, text: &str) -> String {
