@@ -12,4 +12,7 @@ pub const BODIES: &[(&str, Body)] = &[
     ("scan_off", crate::scan::fuzz::off),
     ("scan_gltf", crate::scan::fuzz::gltf),
     ("scan_packed", crate::scan::fuzz::packed),
+    ("capture_c3d", crate::capture::fuzz_tables::c3d),
+    ("capture_trc", crate::capture::fuzz_tables::trc),
+    ("capture_csv", crate::capture::fuzz_tables::csv),
 ];

@@ -1,4 +1,4 @@
-//! Frames in time, through the program: numbers and rates in every output, other rates, smoothing.
+//! Takes as tables, through the program: frame numbers and rates in every output, other rates, smoothing, places far away.
 
 #![allow(clippy::unwrap_used)]
 
@@ -16,6 +16,11 @@ fn walk() -> capture::Capture {
 
 /// The fixture take as a table whose first frame has this number.
 fn table(capture: &capture::Capture, first: i64) -> String {
+    table_at(capture, first, [0.0; 3])
+}
+
+/// The same, shifted.
+fn table_at(capture: &capture::Capture, first: i64, shift: [f64; 3]) -> String {
     let take = capture.motion.points();
     let mut text = format!("# unit {}\n# up Z\nframe,time", capture.space.unit.unwrap().value);
     take.labels.iter().for_each(|l| write!(text, ",{l}_x,{l}_y,{l}_z").unwrap());
@@ -23,7 +28,10 @@ fn table(capture: &capture::Capture, first: i64) -> String {
         write!(text, "\n{},{}", first + frame as i64, frame as f64 / capture.rate).unwrap();
         for marker in 0..take.markers() {
             match take.point(frame, marker) {
-                Some(p) => write!(text, ",{},{},{}", p.x as f32, p.y as f32, p.z as f32).unwrap(),
+                Some(p) => {
+                    let at = |i: usize| f64::from(p[i] as f32) + shift[i];
+                    write!(text, ",{},{},{}", at(0), at(1), at(2)).unwrap();
+                }
                 None => text.push_str(",,,"),
             }
         }
@@ -152,4 +160,21 @@ fn smoothing_takes_the_shaking_away() {
     assert!(off(&smooth) < 2e-3 && off(&shaken) > 5e-3, "{} {}", off(&smooth), off(&shaken));
     let refused = retarget(work.path(), [fixture("scan.obj").to_str().unwrap(), "still.csv", "-o", "a.pc2", "--smooth", "80"]);
     assert_eq!(refused.status.code(), Some(2));
+}
+
+#[test]
+fn a_take_far_from_the_origin_moves_the_scan_all_the_same() {
+    let walk = walk();
+    let work = tempfile::tempdir().unwrap();
+    std::fs::write(work.path().join("near.csv"), table(&walk, 1)).unwrap();
+    std::fs::write(work.path().join("far.csv"), table_at(&walk, 1, [3e7, -3e7, 3e7])).unwrap();
+    let [near, far] = ["near", "far"].map(|name| {
+        let out = format!("{name}.pc2");
+        run(work.path(), &format!("{name}.csv"), &["-o", &out, "--frames", "101..102", "--align", "pose", "--ref", "100"]);
+        cache(&work.path().join(&out)).1
+    });
+    for (a, b) in near.iter().zip(&far) {
+        // Single precision out there would take steps of two millimetres.
+        assert!(farthest(a, b) < 1e-4, "{} m", farthest(a, b));
+    }
 }

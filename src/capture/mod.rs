@@ -6,6 +6,8 @@ mod bvh;
 mod c3d;
 mod clean;
 mod format;
+#[cfg(any(test, fuzzing))]
+pub(crate) mod fuzz_tables;
 mod gaps;
 pub mod handles_csv;
 mod labels;

@@ -1,38 +1,14 @@
-//! Damaged captures end in a take or an error, soon and within bounded memory: bodies for fuzzing, run here over seeded damage.
+//! Damaged captures of markers end in a take or an error, soon and within bounded memory.
 
 #![allow(clippy::unwrap_used)]
 
 use super::c3d_writer::{C3dFile, Processor};
-use super::{Motion, ReadOptions, read_bytes};
+use super::fuzz_tables::{c3d, csv, trc};
+use crate::fuzz::Body;
 use std::path::Path;
 
 /// Mutants of each sample.
 const ROUNDS: usize = 2600;
-
-/// Whatever the bytes are, reading ends well.
-fn body(bytes: &[u8], name: &str) -> bool {
-    for options in [ReadOptions::default(), ReadOptions { bodies: true, as_found: true, ..ReadOptions::default() }] {
-        match read_bytes(bytes.to_vec(), Path::new(name), &options) {
-            Ok(capture) => {
-                let take = capture.motion.points();
-                assert!(capture.rate > 0.0 && capture.rate.is_finite());
-                assert!(take.points.len() * 12 <= 16 * bytes.len() + (1 << 20), "a take many times larger than its file");
-                assert_eq!(take.points.len(), take.markers() * take.frames());
-                assert!(take.points.iter().all(|p| p.iter().all(|c| c.is_finite()) || p[0].is_nan()));
-                assert!(take.origin.is_finite());
-                if let Motion::Skeleton(skeleton) = &capture.motion {
-                    assert_eq!((skeleton.rotations.len(), skeleton.joints.len()), (take.points.len(), take.markers()));
-                    assert!(skeleton.joints.iter().enumerate().all(|(n, j)| j.parent.is_none_or(|p| p < n)));
-                }
-            }
-            Err(error) => assert!(!error.found.is_empty()),
-        }
-        if name.ends_with(".trc") || bytes.len() > 20_000 {
-            break;
-        }
-    }
-    read_bytes(bytes.to_vec(), Path::new(name), &ReadOptions::default()).is_ok()
-}
 
 /// A reproducible sequence of numbers (Vigna's splitmix64).
 struct Seeded(u64);
@@ -76,18 +52,18 @@ impl Seeded {
     }
 }
 
-fn run(seed: u64, samples: &[(&str, Vec<u8>)]) {
+fn run(seed: u64, name: &str, body: Body, samples: &[Vec<u8>]) {
     let mut seeded = Seeded(seed);
-    for (name, sample) in samples {
-        assert!(body(sample, name), "{name}");
+    for sample in samples {
+        assert!(body(sample), "{name}");
         let mut outcomes = [0, 0];
         for _ in 0..ROUNDS {
-            outcomes[usize::from(body(&seeded.damage(sample), name))] += 1;
+            outcomes[usize::from(body(&seeded.damage(sample)))] += 1;
         }
         assert!(outcomes[0] > ROUNDS / 50 && outcomes[1] > ROUNDS / 50, "{name}: {outcomes:?} refused and read");
         // Cut off after every byte.
         for length in 0..sample.len().min(6000) {
-            body(&sample[..length], name);
+            body(&sample[..length]);
         }
     }
 }
@@ -97,16 +73,14 @@ fn points(frames: usize) -> Vec<Option<[f32; 3]>> {
     (0..frames).flat_map(|f| (0..6).map(move |m| ((f + m) % 7 > 0).then(|| place(f, m)))).collect()
 }
 
-#[test]
-fn damaged_c3d_files_do_no_harm() {
+fn c3d_samples() -> Vec<Vec<u8>> {
     let labels = ["A:C7", "A:T10", "A:CLAV", "A:STRN", "A:LKneeAngles", "*1"].map(str::to_owned).to_vec();
     let file = C3dFile { labels, points: points(12), subjects: vec!["A".into()], ..C3dFile::default() };
     let integers = C3dFile { processor: Processor::Mips, integers: Some(0.05), analog: 4, first_frame: 70_000, ..file.clone() };
-    run(11, &[("a.c3d", file.bytes()), ("a.c3d", integers.bytes()), ("a.c3d", super::tests_of_tables::rotations(8))]);
+    vec![file.bytes(), integers.bytes(), super::tests_of_tables::rotations(8)]
 }
 
-#[test]
-fn damaged_trc_tables_do_no_harm() {
+fn trc_samples() -> Vec<Vec<u8>> {
     let header = "PathFileType\t4\t(X/Y/Z)\ta.trc\r\nDataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\r\n50\t50\t9\t6\tmm\r\n";
     let mut tabs = format!("{header}Frame#\tTime\tC7\t\t\tT10\t\t\tCLAV\t\t\tSTRN\t\t\t\t\t\tLSHO\r\n\tX1\tY1\tZ1\r\n\r\n");
     let mut blanks = "PathFileType 4\nDataRate Units\n50 mm\nFrame# Time C7 T10 CLAV STRN LASI RASI\n".to_owned();
@@ -120,11 +94,10 @@ fn damaged_trc_tables_do_no_harm() {
         tabs += "\t\r\n";
         blanks += "\n";
     }
-    run(12, &[("a.trc", tabs.into_bytes()), ("a.trc", blanks.into_bytes())]);
+    vec![tabs.into_bytes(), blanks.into_bytes()]
 }
 
-#[test]
-fn damaged_csv_tables_do_no_harm() {
+fn csv_samples() -> Vec<Vec<u8>> {
     let mut wide = "# rate 50\n# unit mm\nframe,time,C7_x,C7_y,C7_z,T10_x,T10_y,T10_z\n".to_owned();
     let mut long = "frame;marker;x;y;z\n".to_owned();
     let mut motive = "Format Version,1.23,Export Frame Rate,50,Length Units,Millimeters\n\n\
@@ -141,5 +114,56 @@ fn damaged_csv_tables_do_no_harm() {
         long += &format!("{f};\"C7\";{}\n{f};T10;{}\n", cells(row[0], ';'), cells(row[1], ';'));
         motive += &format!("{f},{:.6},{},0,0.6,0,0.8,{}\n", f as f64 / 50.0, cells(row[0], ','), cells(row[1], ','));
     }
-    run(13, &[("a.csv", wide.into_bytes()), ("a.csv", long.into_bytes()), ("a.csv", motive.into_bytes())]);
+    vec![wide.into_bytes(), long.into_bytes(), motive.into_bytes()]
+}
+
+#[test]
+fn damaged_c3d_files_do_no_harm() {
+    run(11, "c3d", c3d, &c3d_samples());
+}
+
+#[test]
+fn damaged_trc_tables_do_no_harm() {
+    run(12, "trc", trc, &trc_samples());
+}
+
+#[test]
+fn damaged_csv_tables_do_no_harm() {
+    run(13, "csv", csv, &csv_samples());
+}
+
+#[test]
+fn counts_of_two_to_the_31_are_not_believed() {
+    let huge = 1u64 << 31;
+    let header = |markers: u64, frames: u64| {
+        format!(
+            "PathFileType\t4\nDataRate\tNumFrames\tNumMarkers\tUnits\n50\t{frames}\t{markers}\tmm\nFrame#\tTime\tC7\t\t\tT10\n"
+        )
+    };
+    assert!(trc(format!("{}1\t0\t1\t2\t3\t4\t5\t6\n", header(huge, huge)).as_bytes()));
+    // Frame numbers that far apart do not make as many frames.
+    assert!(trc(format!("{}1\t0\t1\t2\t3\n{huge}\t1\t1\t2\t3\n", header(2, 2)).as_bytes()));
+    assert!(csv(format!("frame,a_x,a_y,a_z\n{huge},1,2,3\n-{huge},1,2,3\n").as_bytes()));
+    assert!(csv(format!("Format Version,1.2,Total Exported Frames,{huge}\n,Type,Marker,Marker,Marker\n,Name,a,a,a\n,,Position,Position,Position\nFrame,Time,X,Y,Z\n0,0,1,2,3\n").as_bytes()));
+    // The words of a C3D file are of 16 bits, those of its long counts of 32.
+    for sample in c3d_samples() {
+        for at in (2..24).step_by(2) {
+            let mut bytes = sample.clone();
+            bytes[at..at + 2].copy_from_slice(&[0xff, 0xff]);
+            c3d(&bytes);
+        }
+    }
+}
+
+/// Puts the samples where the fuzzer looks for them; see `scripts/fuzz.sh`.
+#[test]
+fn seeds_of_the_fuzzer_of_tables() {
+    let Some(folder) = std::env::var_os("RETARGET_FUZZ_SEEDS") else { return };
+    for (name, samples) in [("c3d", c3d_samples()), ("trc", trc_samples()), ("csv", csv_samples())] {
+        let folder = Path::new(&folder).join(format!("capture_{name}"));
+        std::fs::create_dir_all(&folder).unwrap();
+        for (k, sample) in samples.iter().enumerate() {
+            std::fs::write(folder.join(format!("{k}")), sample).unwrap();
+        }
+    }
 }

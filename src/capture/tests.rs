@@ -215,31 +215,69 @@ fn real_files_have_the_values_that_independent_readers_found() {
 
 #[test]
 fn real_files_have_their_counts() {
-    // Points and frames in the file, number of the first frame, rate.
-    for (file, points, frames, first, rate) in [
-        ("art_human_2persons_integer", 126, 972, 1, 60.0),
-        ("bad_parameter_offset", 41, 111, 1, 250.0),
-        ("bad_parameter_section", 45, 332, 1, 120.0),
-        ("bts_dynamic", 34, 296, 1, 100.0),
-        ("bts_standing", 38, 200, 1, 100.0),
-        ("cmu_01_01", 42, 2751, 40, 120.0),
-        ("cube_1frame", 14, 1, 1, 50.0),
-        ("kyowadengyo", 11, 152, 33, 60.0),
-        ("mac_mips", 33, 180, 1, 60.0),
-        ("mvn_basketball", 64, 774, 1, 120.0),
-        ("optotrak_truncated", 54, 29, 1, 30.0),
-        ("phasespace_noparams", 40, 701, 1, 30.0),
-        ("phoenix_dance_bad", 40, 499, 1, 65.0533),
-        ("pig_antom_static_1frame", 138, 1, 140, 100.0),
-        ("pig_antom_walk", 193, 320, 143, 100.0),
-        ("qualisys_2frames", 34, 2, 1166, 250.0),
-        ("TESTDPI", 26, 450, 1, 50.0),
+    // Points and frames in the file, number of the first frame, rate, unit; positions that are missing, gaps of points that are there
+    // at times, frames of the longest, points that are never there, points missing in the first frame.
+    for (file, counts, first, rate, unit, gaps) in [
+        ("art_human_2persons_integer", [126, 972], 1, 60.0, "mm", [0, 0, 0, 0, 0]),
+        ("art_human_tools_integer", [37, 1162], 1, 60.0, "mm", [0, 0, 0, 0, 0]),
+        ("bad_parameter_offset", [41, 111], 1, 250.0, "mm", [222, 0, 0, 2, 2]),
+        ("bad_parameter_section", [45, 332], 1, 120.0, "mm", [6044, 8, 21, 18, 19]),
+        ("bts_dynamic", [34, 296], 1, 100.0, "", [3572, 43, 123, 6, 25]),
+        ("bts_standing", [38, 200], 1, 100.0, "", [1232, 32, 1, 6, 6]),
+        ("cmu_01_01", [42, 2751], 40, 120.0, "mm", [2773, 3, 2623, 0, 1]),
+        ("cube_1frame", [14, 1], 1, 50.0, "mm", [0, 0, 0, 0, 0]),
+        ("Eb015pi", [26, 450], 1, 50.0, "mm", [226, 12, 47, 0, 4]),
+        ("Eb015pr", [26, 450], 1, 50.0, "mm", [226, 12, 47, 0, 4]),
+        ("Eb015si", [26, 450], 1, 50.0, "mm", [226, 12, 47, 0, 4]),
+        ("Eb015sr", [26, 450], 1, 50.0, "mm", [226, 12, 47, 0, 4]),
+        ("Eb015vi", [26, 450], 1, 50.0, "mm", [226, 12, 47, 0, 4]),
+        ("Eb015vr", [26, 450], 1, 50.0, "mm", [226, 12, 47, 0, 4]),
+        ("facial_sing", [38, 3000], 1, 100.0, "mm", [3716, 31, 865, 0, 1]),
+        ("ist_static_metres", [30, 120], 1, 60.0, "m", [0, 0, 0, 0, 0]),
+        ("kyowadengyo", [11, 152], 33, 60.0, "mm", [26, 2, 17, 0, 0]),
+        ("mac_gait_dec", [33, 487], 1, 100.0, "mm", [9682, 66, 164, 0, 33]),
+        ("mac_jump2", [51, 264], 1, 120.0, "mm", [0, 0, 0, 0, 0]),
+        ("mac_mips", [33, 180], 1, 60.0, "mm", [3565, 50, 69, 8, 33]),
+        ("mocap36", [36, 1380], 1, 100.0, "mm", [8244, 36, 229, 0, 0]),
+        ("mvn_basketball", [64, 774], 1, 120.0, "mm", [0, 0, 0, 0, 0]),
+        ("optotrak_truncated", [54, 29], 1, 30.0, "mm", [59, 1, 1, 2, 3]),
+        ("parameter_overflow", [142, 101], 1, 100.0, "mm", [11996, 4, 39, 118, 120]),
+        ("phasespace_noparams", [40, 701], 1, 30.0, "", [701, 0, 0, 1, 1]),
+        ("phoenix_dance_bad", [40, 499], 1, 65.0533, "mm", [0, 0, 0, 0, 0]),
+        ("pig_antom_static", [203, 300], 1, 100.0, "mm", [19935, 181, 299, 0, 64]),
+        ("pig_antom_static_1frame", [138, 1], 140, 100.0, "mm", [0, 0, 0, 0, 0]),
+        ("pig_antom_walk", [193, 320], 143, 100.0, "mm", [6489, 150, 209, 0, 54]),
+        ("pycgm_rom_static", [141, 275], 1, 100.0, "mm", [0, 0, 0, 0, 0]),
+        ("qualisys_2frames", [34, 2], 1166, 250.0, "mm", [0, 0, 0, 0, 0]),
+        ("simi_giant", [29, 355], 1, 50.0, "", [1806, 24, 2, 5, 5]),
+        ("sub_labels", [114, 333], 1, 60.0, "mm", [20815, 194, 214, 34, 105]),
+        ("TESTDPI", [26, 450], 1, 50.0, "mm", [226, 12, 47, 0, 4]),
     ] {
         let Some(path) = real(&format!("c3d/{file}.c3d")) else { continue };
-        let c3d = C3d::open(&path).unwrap();
-        assert_eq!((c3d.labels.len(), c3d.frames, c3d.first_frame), (points, frames, first), "{file}");
+        let (c3d, points) = raw(&path);
+        let width = c3d.labels.len();
+        assert_eq!(([width, c3d.frames], c3d.first_frame), (counts, first), "{file}");
         assert!((c3d.rate - rate).abs() < 1e-4, "{file}: {}", c3d.rate);
+        assert_eq!(c3d.space.unit.map(|u| u.value.to_string()).unwrap_or_default(), unit, "{file}");
+        let lost = |frame: usize, point: usize| points[frame * width + point][0].is_nan();
+        let never: Vec<usize> = (0..width).filter(|p| (0..c3d.frames).all(|f| lost(f, *p))).collect();
+        let (mut count, mut longest) = (0, 0);
+        for point in (0..width).filter(|p| !never.contains(p)) {
+            let mut run = 0;
+            for frame in 0..c3d.frames {
+                run = if lost(frame, point) { run + 1 } else { 0 };
+                count += usize::from(run == 1);
+                longest = longest.max(run);
+            }
+        }
+        let missing = points.iter().filter(|p| p[0].is_nan()).count();
+        let at_first = (0..width).filter(|p| lost(0, *p)).count();
+        assert_eq!([missing, count, longest, never.len(), at_first], gaps, "{file}");
     }
+    let Some(path) = real("c3d/facial_sing.c3d") else { return };
+    let (c3d, points) = raw(&path);
+    let column = c3d.labels.iter().position(|l| l == "Unlabeled1").unwrap();
+    assert_eq!(points.iter().skip(column).step_by(38).position(|p| !p[0].is_nan()), Some(422));
 }
 
 #[test]

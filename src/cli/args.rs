@@ -53,7 +53,7 @@ pub struct Inspect {
 pub struct Animate {
     /// The mesh to animate: OBJ, PLY, STL, OFF, glTF or GLB (also .gz and .zip)
     pub scan: PathBuf,
-    /// The motion: markers in C3D, TRC or CSV (also .gz), or a table of handles (see --handles) in a .csv file
+    /// The motion: markers in C3D, TRC or CSV, a skeleton in BVH or AMC (all also .gz), or a table of handles (see --handles) in a .csv file
     pub capture: PathBuf,
     /// What to write; the extension is the format: .glb, .pc2, or .ply/.obj with a run of # for the frame number (repeatable)
     #[arg(short, long = "out", value_name = "FILE", required = true)]

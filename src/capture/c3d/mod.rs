@@ -273,7 +273,7 @@ fn frame_range(header: &Header, parameters: &Parameters<'_>, whole: u64, notes: 
         (None, Some(count)) => (header.first.into(), count),
         (None, None) if short == 0 => (header.first.into(), listed.unwrap_or(whole)),
         // A saturated word without a longer one: what is there beyond a block of padding are frames.
-        (None, None) if header.last == u16::MAX && whole > short + BLOCK / header.frame_bytes() + 1 => {
+        (None, None) if header.last == u16::MAX && whole > short + BLOCK / header.frame_bytes().max(1) + 1 => {
             notes.warn(format!("the header counts {short} frames, but the file holds {whole}: all are read"));
             (header.first.into(), whole)
         }
