@@ -133,7 +133,7 @@ fn files_that_cannot_be_read_are_named_with_what_was_expected() {
         (scan.as_str(), "missing.c3d", "missing.c3d"),
         (&scan, "text.c3d", "text.c3d"),
         (&scan, "head.c3d", "head.c3d"),
-        (&scan, "take.bvh", "skeleton"),
+        (&scan, "take.bvh", "MOTION"),
     ] {
         let output = retarget(work.path(), [scan, take, "-o", "out.glb"]);
         assert_eq!(output.status.code(), Some(1), "{scan} {take}: {}", said(&output));
@@ -203,4 +203,36 @@ fn inspect_tells_what_is_in_files() {
         String::from_utf8(output.stdout).unwrap().lines().map(|l| serde_json::from_str(l).unwrap()).collect();
     assert_eq!(lines.len(), 2);
     assert_eq!(lines[1]["markers"].as_array().unwrap().len(), 41);
+}
+
+#[test]
+fn the_picture_shows_body_and_markers_and_is_the_same_for_any_number_of_threads() {
+    let work = tempfile::tempdir().unwrap();
+    let run = |more: &[&str]| {
+        let mut arguments = pair().to_vec();
+        arguments.extend(["--frames", "1..1"].iter().chain(more).map(|s| (*s).to_owned()));
+        retarget(work.path(), arguments)
+    };
+    let text = said(&run(&["-o", "a.pc2", "--picture", "a.png", "--threads", "1"]));
+    assert!(text.lines().any(|l| l.starts_with("picture") && l.ends_with("a.png")), "{text}");
+    let bytes = std::fs::read(work.path().join("a.png")).unwrap();
+    assert!(run(&["-o", "b.pc2", "--picture", "b.png", "--threads", "3"]).status.success());
+    assert!(bytes == std::fs::read(work.path().join("b.png")).unwrap());
+
+    let mut reader = png::Decoder::new(std::io::Cursor::new(&bytes)).read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut pixels).unwrap();
+    assert!(info.width > 1200 && info.height > 1000);
+    // Attachments are blue on the left and red on the right, in all four views; each is some fifty pixels.
+    let count = |is: fn(&[u8]) -> bool| pixels.chunks_exact(3).filter(|p| is(p)).count();
+    let (blue, red) = (count(|p| p[2] > 170 && p[0] < 60), count(|p| p[0] > 180 && p[2] < 60));
+    assert!(blue > 1000 && red > 1000 && blue < 20_000 && red < 20_000, "{blue} {red}");
+    let skin = count(|p| p[0] < 225 && p[0].abs_diff(p[2]) < 30);
+    assert!(skin > 300_000, "{skin}");
+
+    let again = run(&["-o", "c.pc2", "--picture", "a.png"]);
+    assert_eq!(again.status.code(), Some(1), "it exists already");
+    assert!(said(&again).contains("--force") && !work.path().join("c.pc2").exists());
+    let twice = run(&["-o", "d.pc2", "--picture", "d.pc2"]);
+    assert_eq!(twice.status.code(), Some(2), "{}", said(&twice));
 }

@@ -82,6 +82,8 @@ pub fn unbound(scan: &ScanShape<'_>, body: Option<&Body>, table: &HandleTable, o
     let decisions = Decisions {
         align: Align::None,
         on_skin: false,
+        noun: "handle",
+        reference_rest: false,
         reference_frame: table.first_frame,
         reference_range: (table.first_frame, table.first_frame + table.frames() as i64 - 1),
         reference_capture: None,
@@ -108,6 +110,7 @@ pub fn unbound(scan: &ScanShape<'_>, body: Option<&Body>, table: &HandleTable, o
         handles: Vec::new(),
         unbound: Vec::new(),
         segments: segments.collect(),
+        trajectories: None,
         turning: Turning::default(),
         decisions,
         notes: Notes::default(),
@@ -128,7 +131,7 @@ pub fn add_handles(
     holds: &[Hold],
 ) -> Result<()> {
     let mut notes = Notes::default();
-    let take = capture.motion.points_mut();
+    let take = binding.trajectories.as_mut().unwrap_or_else(|| capture.motion.points_mut());
     let twice = |name: &&String| take.labels.contains(name) || binding.turning.handles.iter().any(|h| h.name == **name);
     if let Some(name) = table.names.iter().find(twice) {
         return Err(Error::new(Kind::Usage, format!("handle {name} has the name of a marker or of another handle"))

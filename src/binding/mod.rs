@@ -20,6 +20,7 @@ pub mod regions;
 mod segments;
 pub mod select;
 mod similarity;
+mod skeletons;
 mod skin;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
@@ -33,6 +34,7 @@ pub use regions::{Regions, Rules};
 pub use segments::Segment;
 pub use similarity::Similarity;
 
+use crate::capture::{Capture, MarkerTake};
 use crate::error::{Error, Notes, Result};
 use crate::scan::UnitBox;
 use crate::space::{Axis, Space, Unit};
@@ -51,6 +53,8 @@ pub enum Align {
     Similarity,
     /// The same for the targets; attachment points are found through the pose of the actor in the reference frame.
     Pose,
+    /// Every segment of the scan turns as the actor's, on the scan's own lengths.
+    Retarget,
 }
 
 impl std::fmt::Display for Align {
@@ -60,6 +64,7 @@ impl std::fmt::Display for Align {
             Align::None => "none",
             Align::Similarity => "similarity",
             Align::Pose => "pose",
+            Align::Retarget => "retarget",
         })
     }
 }
@@ -119,7 +124,7 @@ pub struct ScanShape<'a> {
 pub struct BoundMarker {
     /// Its label.
     pub label: String,
-    /// Its index in the take.
+    /// Its index in the take, or in [`Binding::trajectories`].
     pub marker: usize,
     /// Where it sits on, in or outside the scan at rest, in the unit box.
     pub attachment: DVec3,
@@ -151,6 +156,8 @@ pub struct Binding {
     pub unbound: Vec<(String, String)>,
     /// Parts of the body; empty where no body was needed.
     pub segments: Vec<SegmentPlace>,
+    /// The trajectories that the handles follow, in the space of `placement`, where they are not the capture's own.
+    pub trajectories: Option<MarkerTake>,
     /// Handles that turn what they hold, with their places in every frame.
     pub turning: Turning,
     /// All decisions, with their words.
@@ -160,9 +167,14 @@ pub struct Binding {
 }
 
 impl Binding {
+    /// The trajectories that the handles follow: those of `capture`, or the binding's own.
+    pub fn take<'a>(&'a self, capture: &'a Capture) -> &'a MarkerTake {
+        self.trajectories.as_ref().unwrap_or_else(|| capture.motion.points())
+    }
+
     /// Targets of all handles in one frame of the take.
     ///
-    /// Shapes: `frame`: one point per marker of the take, missing ones NaN; `positions`, `present`: one entry per handle, overwritten; the
+    /// Shapes: `frame`: one point per marker of [`Binding::take`], missing ones NaN; `positions`, `present`: one entry per handle, overwritten; the
     /// position of a missing marker is left as it was.
     pub fn targets(&self, frame: &[[f32; 3]], positions: &mut Vec<DVec3>, present: &mut Vec<bool>) {
         positions.resize(self.handles.len(), DVec3::ZERO);

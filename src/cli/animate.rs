@@ -7,6 +7,7 @@ use super::decisions::{
     scan_line, solve_line, unbound,
 };
 use super::outputs;
+use super::picture::{self, Bound};
 use crate::binding::grips::{self, Holding};
 use crate::binding::regions::Subject;
 use crate::binding::select::Hold;
@@ -101,10 +102,18 @@ impl Setup {
         warn(console, &mut warnings, &unbound(&binding));
         warn(console, &mut warnings, &grips::missing(&binding.turning, &holdings(args), range.clone()));
         binding_details(&binding).iter().for_each(|line| console.detail(line));
-        let (proxy, remarks, notes) = built?;
+        let (proxy, remarks, notes, joined) = built?;
         console.station("proxy", &remarks);
         warn(console, &mut warnings, &notes);
         clock.lap("bind and proxy");
+        if let Some(path) = &args.picture {
+            let reference = reference.as_ref().unwrap_or(&capture);
+            let bound =
+                Bound { scan: &scan, points: &points, triangles: &triangles, binding: &binding, reference, joined: &joined };
+            picture::write(path, args, &bound)?;
+            console.station("picture", &path.display().to_string());
+            clock.lap("picture");
+        }
         cancel.check()?;
 
         let (mut proxy, mut handles, mut oriented, mut regions) = (proxy, Vec::new(), Vec::new(), Regions::default());
@@ -170,7 +179,7 @@ impl Setup {
         sinks: Vec<Box<dyn FrameSink>>,
         overlap: bool,
     ) -> Result<()> {
-        let take = self.capture.motion.points();
+        let take = self.binding.take(&self.capture);
         let range = self.range.clone();
         let header = Arc::new(Header {
             scan: self.scan.clone(),
@@ -307,7 +316,7 @@ pub(super) fn is_table(path: &Path) -> bool {
 }
 
 fn read_captures(args: &Animate) -> Result<Captures> {
-    let options = ReadOptions { subject: args.subject.clone() };
+    let options = ReadOptions { subject: args.subject.clone(), clip: args.clip.clone(), skeleton: args.skeleton.clone() };
     let mut tables = Vec::new();
     let capture = if is_table(&args.capture) {
         let table = HandleTable::read(&args.capture)?;
@@ -382,7 +391,7 @@ fn held_components(proxy: &Proxy, handles: &[Handle], oriented: &[OrientedHandle
     (held.contains(&true) && held.contains(&false)).then_some(held)
 }
 
-/// The proxy: built from the scan, or read from `--proxy`; with the words of its line.
+/// The proxy: built from the scan, or read from `--proxy`; with the words of its line, and the places where parts are joined that only touch.
 fn body(
     args: &Animate,
     scan: &Scan,
@@ -390,7 +399,7 @@ fn body(
     points: &[DVec3],
     triangles: &[[u32; 3]],
     cancel: &Cancel,
-) -> Result<(Proxy, String, Notes)> {
+) -> Result<(Proxy, String, Notes, Vec<DVec3>)> {
     if let Some(path) = &args.proxy {
         let (proxy, notes) = medit::read(path, &unit_box)?;
         let line = format!(
@@ -399,12 +408,12 @@ fn body(
             words::count(proxy.rest.len()),
             words::count(proxy.tets.len())
         );
-        return Ok((proxy, line, notes));
+        return Ok((proxy, line, notes, Vec::new()));
     }
     let options = BuildOptions { surface_vertices: args.proxy_vertices as usize };
     let built = proxy::build(points, triangles, &options, &|| cancel.check())
         .map_err(|e| if e.file.is_none() && e.kind != Kind::Interrupted { e.file(&scan.source) } else { e })?;
-    Ok((built.proxy, format!("{} · {}", built.summary.size(), built.summary.remarks()), built.notes))
+    Ok((built.proxy, format!("{} · {}", built.summary.size(), built.summary.remarks()), built.notes, built.joined))
 }
 
 fn bind(

@@ -37,7 +37,7 @@ pub enum Command {
 /// Arguments of `retarget inspect`.
 #[derive(Debug, Args)]
 pub struct Inspect {
-    /// Scans (OBJ, PLY, STL, also .gz), captures (C3D), outputs (GLB, PC2)
+    /// Scans (OBJ, PLY, STL, OFF, glTF, GLB, also .gz and .zip), captures (C3D), outputs (GLB, PC2)
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Print JSON, one object per file, for programs
@@ -48,7 +48,7 @@ pub struct Inspect {
 /// Arguments of the main job.
 #[derive(Debug, Args)]
 pub struct Animate {
-    /// The mesh to animate: OBJ, PLY or STL (also .gz)
+    /// The mesh to animate: OBJ, PLY, STL, OFF, glTF or GLB (also .gz and .zip)
     pub scan: PathBuf,
     /// The motion: C3D markers, or a table of handles (see --handles) in a .csv file
     pub capture: PathBuf,
@@ -61,6 +61,9 @@ pub struct Animate {
     /// Write measures of every frame and all decisions as JSON
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
+    /// Draw the scan from four sides with the attachment points, markers and joints and their names, before the frames are solved
+    #[arg(long, value_name = "FILE.png")]
+    pub picture: Option<PathBuf>,
 
     /// Handles to pull the scan by, beside the markers: rows of frame,name,x,y,z and, if they turn, qx,qy,qz,qw in the scan's coordinates and unit,
     /// under a line with these names. A handle is fixed to the scan as it is in its first frame; without a row it is missing in that frame
@@ -96,6 +99,12 @@ pub struct Animate {
     /// Which subject, where the capture holds several
     #[arg(long, hide_short_help = true, value_name = "NAME", help_heading = "Placement")]
     pub subject: Option<String>,
+    /// Which animation, where the capture holds several (default: the longest)
+    #[arg(long, hide_short_help = true, value_name = "NAME", help_heading = "Capture")]
+    pub clip: Option<String>,
+    /// The skeleton of an AMC capture (default: found beside it)
+    #[arg(long, hide_short_help = true, value_name = "FILE.asf", help_heading = "Capture")]
+    pub skeleton: Option<PathBuf>,
     /// Size of the scan against the captured body, both in metres (1 = the same), instead of fitting it
     #[arg(long, hide_short_help = true, value_name = "X", value_parser = parse_positive, help_heading = "Placement")]
     pub scale: Option<f64>,

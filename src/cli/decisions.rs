@@ -59,7 +59,9 @@ fn capture_counts(capture: &Capture, binding: &Binding, table: bool) -> String {
     let what = if table {
         words::plural(points_of_tables + turning.handles.len(), "handle")
     } else {
-        words::plural(take.markers() - points_of_tables, capture.motion.noun())
+        // Trajectories of their own leave the capture's points as they are.
+        let added = if binding.trajectories.is_none() { points_of_tables } else { 0 };
+        words::plural(take.markers() - added, capture.motion.noun())
     };
     let rate = words::digits((capture.rate * 1000.0).round() / 1000.0);
     format!("{what}, {} at {rate} Hz", words::plural(take.frames().max(turning.frames()), "frame"))
