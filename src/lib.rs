@@ -49,6 +49,7 @@ pub mod cli;
 pub mod deform;
 pub mod error;
 pub mod export;
+mod gltf;
 pub mod linalg;
 pub mod picture;
 pub mod pipeline;

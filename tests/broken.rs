@@ -339,7 +339,7 @@ fn captures() -> Vec<(&'static str, Vec<u8>, Expect)> {
             Works(&["--subject"]),
         ),
         ("table.trc", b"PathFileType\t4\t(X/Y/Z)\ta.trc\n".to_vec(), Refused(&["C3D"])),
-        ("skeleton.bvh", b"HIERARCHY\nROOT Hips\n".to_vec(), Refused(&["skeleton"])),
+        ("skeleton.bvh", b"HIERARCHY\nROOT Hips\n".to_vec(), Refused(&["MOTION"])),
     ]
 }
 

@@ -133,7 +133,7 @@ fn files_that_cannot_be_read_are_named_with_what_was_expected() {
         (scan.as_str(), "missing.c3d", "missing.c3d"),
         (&scan, "text.c3d", "text.c3d"),
         (&scan, "head.c3d", "head.c3d"),
-        (&scan, "take.bvh", "skeleton"),
+        (&scan, "take.bvh", "MOTION"),
     ] {
         let output = retarget(work.path(), [scan, take, "-o", "out.glb"]);
         assert_eq!(output.status.code(), Some(1), "{scan} {take}: {}", said(&output));

@@ -10,9 +10,9 @@ use super::similarity::{Held, Similarity, upright};
 use super::track::Track;
 use super::{
     Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, checks, clusters, places, raw, refuse,
-    skin,
+    skeletons, skin,
 };
-use crate::capture::Capture;
+use crate::capture::{Capture, Motion};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::space::{Evidence, Known, Unit};
 use glam::DVec3;
@@ -83,6 +83,11 @@ pub fn bind(
             return Err(checks::no_body(&reason));
         }
     };
+    if let Motion::Skeleton(joints) = &capture.motion {
+        let mut notes = Notes::default();
+        checks::body(&body, options, &mut notes)?;
+        return skeletons::bind(scan, &body, capture, joints, reference, options, notes);
+    }
     let skeleton = Skeleton::of(&body);
     if options.align == Align::Auto
         && options.reference == Reference::Auto
@@ -162,7 +167,7 @@ impl Human<'_> {
     fn bind(&self, reference: Option<&Capture>) -> Result<Binding> {
         let options = self.options;
         let mut notes = Notes::default();
-        self.check_body(&mut notes)?;
+        checks::body(self.body, options, &mut notes)?;
         checks::labels(self.take)?;
         let actor = actor::read(&self.take.track, &self.take.names, &self.take.capture.space, options, &mut notes)
             .map_err(|e| e.file(&self.take.capture.source))?;
@@ -243,28 +248,6 @@ impl Human<'_> {
             .map(|(_, c)| *c)
             .collect();
         skin::settle(&posed.track, landed, self.skeleton, self.scan.tree, &tried)
-    }
-
-    fn check_body(&self, notes: &mut Notes) -> Result<()> {
-        let body = self.body;
-        if body.margin < 0.15 || body.cost > 0.45 {
-            let error = Error::refused(format!(
-                "the scan is hardly a person as far as its shape tells (margin {:.2}, cost {:.2})",
-                body.margin, body.cost
-            ))
-            .expected("margin 0.15 or more, cost up to 0.45")
-            .hint("--align none when the scan is where the capture's markers are");
-            refuse(error, self.options, notes)?;
-        } else if body.margin < 0.25 {
-            notes.warn(format!("head, hands and feet of the scan are told apart by a small margin ({:.2})", body.margin));
-        }
-        if body.facing_ratio < 2.0 && !self.options.flip {
-            notes.warn(format!(
-                "facing of the scan from its feet is weak ({:.1}): check the result, --flip turns it",
-                body.facing_ratio
-            ));
-        }
-        Ok(())
     }
 
     fn check_sides(&self, actor: &Actor, notes: &mut Notes) -> Result<()> {
@@ -456,6 +439,8 @@ impl Human<'_> {
         let mut decisions = Decisions {
             align,
             on_skin: false,
+            noun: take.capture.motion.noun(),
+            reference_rest: false,
             reference_frame: posed.capture.first_frame + frame as i64,
             reference_range: posed.range(),
             reference_capture: apart.then(|| posed.capture.name.clone()),
@@ -510,6 +495,7 @@ impl Human<'_> {
             handles,
             unbound,
             segments,
+            trajectories: None,
             decisions,
             notes,
         })

@@ -1,12 +1,12 @@
 //! What must hold before and after a capture is bound: enough labels, the same actor, distances along bones.
 
-use super::BoundMarker;
 use super::actor::quantile;
 use super::bind::Take;
-use super::landmarks::NotHuman;
+use super::landmarks::{Body, NotHuman};
 use super::segments::Segment;
 use super::similarity::Similarity;
-use crate::error::{Error, Result};
+use super::{BoundMarker, Options, refuse};
+use crate::error::{Error, Notes, Result};
 
 /// Named markers below which no body can be recognised.
 const FEWEST_NAMED: usize = 10;
@@ -22,6 +22,28 @@ pub(super) fn no_body(reason: &NotHuman) -> Error {
     Error::refused(format!("no human body is recognised in the scan: {}", reason.reason))
         .expected(expected)
         .hint("a scan in T or A pose; or --align none if the scan lies where the capture's markers are")
+}
+
+/// A scan that is clearly a person, facing clearly.
+pub(super) fn body(body: &Body, options: &Options, notes: &mut Notes) -> Result<()> {
+    if body.margin < 0.15 || body.cost > 0.45 {
+        let error = Error::refused(format!(
+            "the scan is hardly a person as far as its shape tells (margin {:.2}, cost {:.2})",
+            body.margin, body.cost
+        ))
+        .expected("margin 0.15 or more, cost up to 0.45")
+        .hint("--align none when the scan is where the capture's markers are");
+        refuse(error, options, notes)?;
+    } else if body.margin < 0.25 {
+        notes.warn(format!("head, hands and feet of the scan are told apart by a small margin ({:.2})", body.margin));
+    }
+    if body.facing_ratio < 2.0 && !options.flip {
+        notes.warn(format!(
+            "facing of the scan from its feet is weak ({:.1}): check the result, --flip turns it",
+            body.facing_ratio
+        ));
+    }
+    Ok(())
 }
 
 /// Enough known labels, and enough of them on the trunk.

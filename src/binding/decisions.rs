@@ -9,6 +9,8 @@ use glam::DVec3;
 pub struct Decisions {
     /// How the capture was brought onto the scan; never `Auto`.
     pub align: Align,
+    /// What a moving point of the capture is called: marker, joint, vertex.
+    pub noun: &'static str,
     /// Whether the markers were laid on the skin itself: the scan is the actor's own, in the pose of the reference frame.
     pub on_skin: bool,
     /// The reference frame in the numbering of its capture.
@@ -17,6 +19,8 @@ pub struct Decisions {
     pub reference_range: (i64, i64),
     /// Name of that capture where it is not the take itself.
     pub reference_capture: Option<String>,
+    /// Whether turns are read against the rest pose of the capture's file; the reference frame tells the place only then.
+    pub reference_rest: bool,
     /// Size of the scan against the actor, units converted.
     pub scale: f64,
     /// Turn of the capture about the scan's up axis, in degrees.
@@ -88,7 +92,7 @@ impl Decisions {
         }
         if self.named > 0 {
             let set = self.set.map_or(String::new(), |set| format!(" ({set})"));
-            words.push(format!("{} of {} markers named{set}", self.named, self.markers));
+            words.push(format!("{} of {} {}s named{set}", self.named, self.markers, self.noun));
         }
         words.join(" · ")
     }
@@ -97,13 +101,17 @@ impl Decisions {
     pub fn bind_line(&self) -> String {
         let (first, last) = self.reference_range;
         let of = self.reference_capture.as_ref().map_or(String::new(), |name| format!(" of {name}"));
+        let reference = if self.reference_rest { "reference the file's rest, placed in frame" } else { "reference frame" };
         let mut words = vec![
             format!("{}{}", self.align, if self.on_skin { " by the skin" } else { "" }),
-            format!("reference frame {}{of} ({first}\u{2013}{last})", self.reference_frame),
+            format!("{reference} {}{of} ({first}\u{2013}{last})", self.reference_frame),
             format!("scale {:.3}", self.scale),
             format!("yaw {:.0}°", self.yaw.round() + 0.0),
         ];
-        let mut bound = format!("{} of {} markers bound", self.bound, self.markers);
+        let mut bound = match self.align {
+            Align::Retarget => format!("{} {}s by {} points", self.markers, self.noun, self.bound),
+            _ => format!("{} of {} {}s bound", self.bound, self.markers, self.noun),
+        };
         if let Some((median, worst, label)) = &self.off_surface {
             let length = |x: f64| match self.scan_unit {
                 Some(unit) => format!("{:.0} mm", x * unit.value.metres() * 1000.0),

@@ -34,6 +34,8 @@ pub fn unbound(scan: &ScanShape<'_>, body: Option<&Body>, table: &HandleTable, o
     let decisions = Decisions {
         align: Align::None,
         on_skin: false,
+        noun: "handle",
+        reference_rest: false,
         reference_frame: table.first_frame,
         reference_range: (table.first_frame, table.first_frame + table.frames() as i64 - 1),
         reference_capture: None,
@@ -60,6 +62,7 @@ pub fn unbound(scan: &ScanShape<'_>, body: Option<&Body>, table: &HandleTable, o
         handles: Vec::new(),
         unbound: Vec::new(),
         segments: segments.collect(),
+        trajectories: None,
         decisions,
         notes: Notes::default(),
     }
@@ -72,7 +75,7 @@ pub fn unbound(scan: &ScanShape<'_>, body: Option<&Body>, table: &HandleTable, o
 /// [`Kind::Refused`] when a handle rests far from the scan or the frames do not meet; [`Kind::Usage`] when a handle has a marker's name.
 pub fn add_handles(scan: &ScanShape<'_>, capture: &mut Capture, binding: &mut Binding, table: &HandleTable) -> Result<()> {
     let mut notes = Notes::default();
-    let take = capture.motion.points_mut();
+    let take = binding.trajectories.as_mut().unwrap_or_else(|| capture.motion.points_mut());
     if let Some(name) = table.names.iter().find(|name| take.labels.contains(name)) {
         return Err(Error::new(Kind::Usage, format!("handle {name} has the name of a marker"))
             .file(&table.source)

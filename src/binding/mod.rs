@@ -19,6 +19,7 @@ pub mod regions;
 mod segments;
 pub mod select;
 mod similarity;
+mod skeletons;
 mod skin;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
@@ -31,6 +32,7 @@ pub use regions::{Regions, Rules};
 pub use segments::Segment;
 pub use similarity::Similarity;
 
+use crate::capture::{Capture, MarkerTake};
 use crate::error::{Error, Notes, Result};
 use crate::scan::UnitBox;
 use crate::space::{Axis, Space, Unit};
@@ -49,6 +51,8 @@ pub enum Align {
     Similarity,
     /// The same for the targets; attachment points are found through the pose of the actor in the reference frame.
     Pose,
+    /// Every segment of the scan turns as the actor's, on the scan's own lengths.
+    Retarget,
 }
 
 impl std::fmt::Display for Align {
@@ -58,6 +62,7 @@ impl std::fmt::Display for Align {
             Align::None => "none",
             Align::Similarity => "similarity",
             Align::Pose => "pose",
+            Align::Retarget => "retarget",
         })
     }
 }
@@ -117,7 +122,7 @@ pub struct ScanShape<'a> {
 pub struct BoundMarker {
     /// Its label.
     pub label: String,
-    /// Its index in the take.
+    /// Its index in the take, or in [`Binding::trajectories`].
     pub marker: usize,
     /// Where it sits on, in or outside the scan at rest, in the unit box.
     pub attachment: DVec3,
@@ -149,6 +154,8 @@ pub struct Binding {
     pub unbound: Vec<(String, String)>,
     /// Parts of the body; empty where no body was needed.
     pub segments: Vec<SegmentPlace>,
+    /// The trajectories that the handles follow, in the space of `placement`, where they are not the capture's own.
+    pub trajectories: Option<MarkerTake>,
     /// All decisions, with their words.
     pub decisions: Decisions,
     /// What was doubtful.
@@ -156,9 +163,14 @@ pub struct Binding {
 }
 
 impl Binding {
+    /// The trajectories that the handles follow: those of `capture`, or the binding's own.
+    pub fn take<'a>(&'a self, capture: &'a Capture) -> &'a MarkerTake {
+        self.trajectories.as_ref().unwrap_or_else(|| capture.motion.points())
+    }
+
     /// Targets of all handles in one frame of the take.
     ///
-    /// Shapes: `frame`: one point per marker of the take, missing ones NaN; `positions`, `present`: one entry per handle, overwritten; the
+    /// Shapes: `frame`: one point per marker of [`Binding::take`], missing ones NaN; `positions`, `present`: one entry per handle, overwritten; the
     /// position of a missing marker is left as it was.
     pub fn targets(&self, frame: &[[f32; 3]], positions: &mut Vec<DVec3>, present: &mut Vec<bool>) {
         positions.resize(self.handles.len(), DVec3::ZERO);

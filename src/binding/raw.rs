@@ -149,6 +149,8 @@ pub(super) fn bind_found(
     let decisions = Decisions {
         align: Align::None,
         on_skin: false,
+        noun: take.capture.motion.noun(),
+        reference_rest: false,
         reference_frame: number,
         reference_range: take.range(),
         reference_capture: None,
@@ -170,7 +172,7 @@ pub(super) fn bind_found(
         proportions: Vec::new(),
         strain: None,
     };
-    Ok(Binding { placement, segments: segments.collect(), handles, unbound, decisions, notes })
+    Ok(Binding { placement, segments: segments.collect(), handles, unbound, trajectories: None, decisions, notes })
 }
 
 fn as_it_is(scan: &ScanShape<'_>, factor: f64, options: &Options) -> Similarity {

@@ -86,6 +86,26 @@ impl Segment {
         })
     }
 
+    /// Its counterpart on the other side; itself where it has none.
+    pub fn opposite(self) -> Segment {
+        use Segment::*;
+        match self {
+            Pelvis | Trunk | Head => self,
+            LeftUpperArm => RightUpperArm,
+            LeftForearm => RightForearm,
+            LeftHand => RightHand,
+            RightUpperArm => LeftUpperArm,
+            RightForearm => LeftForearm,
+            RightHand => LeftHand,
+            LeftThigh => RightThigh,
+            LeftShank => RightShank,
+            LeftFoot => RightFoot,
+            RightThigh => LeftThigh,
+            RightShank => LeftShank,
+            RightFoot => LeftFoot,
+        }
+    }
+
     /// Its name in words.
     pub fn name(self) -> &'static str {
         use Segment::*;

@@ -16,13 +16,13 @@ const PLUG_IN_GAIT: [&str; 35] = [
 ];
 
 /// A person 1.75 m tall in metres, y up, facing +z, arms at `arms` radians below the horizontal; then scaled to the unit box.
-struct Person {
-    body: Body,
-    tree: TriangleTree,
-    unit_box: UnitBox,
+pub(super) struct Person {
+    pub body: Body,
+    pub tree: TriangleTree,
+    pub unit_box: UnitBox,
 }
 
-fn person(arms: f64) -> Person {
+pub(super) fn person(arms: f64) -> Person {
     use Joint::*;
     let mut joints = [DVec3::ZERO; Joint::COUNT];
     let mut set = |joint: Joint, x: f64, y: f64, z: f64| joints[joint as usize] = DVec3::new(x, y, z);

@@ -1,8 +1,7 @@
 //! Which format a capture file has: by the first bytes, and by the extension where they say nothing.
 
+use super::source;
 use crate::error::{Error, Kind, Result};
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 
 /// Formats of captures.
@@ -34,12 +33,7 @@ const HEAD: u64 = 64;
 /// # Errors
 /// Files that cannot be opened.
 pub(super) fn tell(path: &Path) -> Result<Format> {
-    let mut head = Vec::new();
-    let file = File::open(path).map_err(|e| Error::unreadable(path, &e))?;
-    // A folder fails here on its first read; its own message comes from the reader of the format.
-    let _ = file.take(HEAD).read_to_end(&mut head);
-    let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-    Ok(of(&head, &extension))
+    Ok(of(&source::head(path, HEAD)?, &source::extension(path)))
 }
 
 fn of(head: &[u8], extension: &str) -> Format {

@@ -1,5 +1,6 @@
 //! Capture files → [`Capture`]. One file per format; cleaning in files of its own.
 
+mod bvh;
 mod c3d;
 mod clean;
 mod format;
@@ -7,8 +8,12 @@ mod gaps;
 pub mod handles_csv;
 mod labels;
 mod neighbours;
+mod number;
 mod rigid;
+mod skeleton;
+mod source;
 mod swaps;
+mod turns;
 
 #[cfg(test)]
 #[path = "../../tests/common/c3d_writer.rs"]
@@ -40,6 +45,7 @@ pub struct ReadOptions {
 /// Unreadable or broken files, formats that are not read yet, files with nothing to animate, a subject that is not there.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Capture> {
     let capture = match format::tell(path)? {
+        Format::Bvh => source::load(path).and_then(|bytes| Ok(bvh::read(&bytes)?.capture(path))),
         Format::C3d => c3d::C3d::open(path).and_then(|file| assemble(file, path, options)),
         other => Err(other.unsupported()),
     };
@@ -134,6 +140,51 @@ pub struct SkeletonTake {
     /// Frame-major turns of the joints in the capture's axes, as quaternions `x y z w` from the joint's own axes into those of the
     /// capture, `frames × joints`; NaN where the origin is.
     pub rotations: Vec<[f32; 4]>,
+    /// What the joints' places and turns at rest are taken from.
+    pub rest: Rest,
+}
+
+impl SkeletonTake {
+    /// Number of joints on the longest way from a root, with both ends; 0 without joints.
+    pub fn depth(&self) -> usize {
+        let mut depths: Vec<usize> = Vec::with_capacity(self.joints.len());
+        for joint in &self.joints {
+            depths.push(1 + joint.parent.map_or(0, |p| depths[p]));
+        }
+        depths.into_iter().max().unwrap_or_default()
+    }
+
+    /// Least and largest coordinates of all joints in all frames; infinite where no joint has a place.
+    pub fn range(&self) -> (DVec3, DVec3) {
+        let places = self.origins.points.iter().filter(|p| !p[0].is_nan()).map(|p| DVec3::from(p.map(f64::from)));
+        places.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
+    }
+}
+
+/// What a rest pose is taken from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Rest {
+    /// The file has none: places and turns at rest are NaN.
+    #[default]
+    Unknown,
+    /// The hierarchy with all angles zero: mostly a T-pose, but it need not be a pose that a body can take.
+    Hierarchy,
+    /// The first frame, which an exporter put before the motion as a pose at rest.
+    FirstFrame,
+    /// The pose in which a skin was bound to the joints.
+    Bind,
+}
+
+impl fmt::Display for Rest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Rest::Unknown => "unknown",
+            Rest::Hierarchy => "the hierarchy with all angles zero",
+            Rest::FirstFrame => "the first frame",
+            Rest::Bind => "the pose of the skin",
+        })
+    }
 }
 
 /// A joint at rest.

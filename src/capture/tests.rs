@@ -10,7 +10,7 @@ use std::fs::File;
 use std::io::Cursor;
 
 /// The folder of real captures, where this machine has it.
-fn real(file: &str) -> Option<PathBuf> {
+pub(super) fn real(file: &str) -> Option<PathBuf> {
     let shared = std::env::var_os("RETARGET_SHARED")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
     let path = shared.join("data/motion").join(file);
@@ -280,8 +280,8 @@ fn files_with_nothing_to_animate_say_what_they_hold() {
         ("c3d/theia_rotations.c3d", Kind::Unsupported, "rotations of 21 segments"),
         ("broken/empty.c3d", Kind::Malformed, "the file is empty"),
         ("broken/zeros_512.c3d", Kind::Malformed, "not a C3D file"),
-        ("broken/not_a_c3d.c3d", Kind::Unsupported, "BVH"),
-        ("bvh/mixamo_walk.bvh", Kind::Unsupported, "skeleton takes are not read yet"),
+        ("broken/not_a_c3d.c3d", Kind::Malformed, "the hierarchy ends without the word MOTION"),
+        ("usd/simple-skin-animation-test.usda", Kind::Unsupported, "USD"),
         ("trc/motek_tpose.trc", Kind::Unsupported, "TRC"),
         ("c3d", Kind::Unreadable, "folder"),
     ] {

@@ -170,7 +170,7 @@ impl Setup {
         sinks: Vec<Box<dyn FrameSink>>,
         overlap: bool,
     ) -> Result<()> {
-        let take = self.capture.motion.points();
+        let take = self.binding.take(&self.capture);
         let range = self.range.clone();
         let header = Arc::new(Header {
             scan: self.scan.clone(),

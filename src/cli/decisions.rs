@@ -45,7 +45,7 @@ pub(super) fn scan_line(args: &Animate, scan: &Scan, binding: &Binding) -> Strin
 
 pub(super) fn capture_line(args: &Animate, capture: &Capture, binding: &Binding) -> String {
     let mut parts = vec![
-        capture_counts(capture, if is_table(&args.capture) { "handle" } else { "marker" }),
+        capture_counts(capture, if is_table(&args.capture) { "handle" } else { capture.motion.noun() }),
         binding.decisions.capture_words(),
         capture.cleaning.to_string(),
     ];

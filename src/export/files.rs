@@ -251,21 +251,37 @@ impl Sequence {
 
     /// Moves all files to their names.
     ///
-    /// Errors: [`Kind::Unwritable`]; then none of them is left.
+    /// Errors: [`Kind::Unwritable`]; then none of them is left, and the files that they would have replaced are back.
     pub fn finish(mut self) -> Result<Finished> {
         let listing = fs::read_dir(self.staging.path()).and_then(|entries| entries.map(|e| e.map(|e| e.file_name())).collect());
         let mut names: Vec<std::ffi::OsString> = listing.map_err(|e| Error::unwritable(self.staging.path(), &e))?;
         names.sort();
         let before = self.pattern.frames_there();
         let older = before.iter().filter(|n| names.binary_search(&(*n).into()).is_err()).count();
+        let replaced = self.staging.path().join("replaced");
+        fs::create_dir(&replaced).map_err(|e| Error::unwritable(&replaced, &e))?;
         let mut finished = Finished { files: names.len(), bytes: 0, older };
         for (k, name) in names.iter().enumerate() {
-            let (from, to) = (self.staging.path().join(name), self.pattern.folder.join(name));
-            let moved = fs::metadata(&from).and_then(|m| fs::rename(&from, &to).map(|()| m.len()));
+            let (from, to, aside) = (self.staging.path().join(name), self.pattern.folder.join(name), replaced.join(name));
+            let moved = fs::metadata(&from).and_then(|m| {
+                if to.is_dir() {
+                    return Err(std::io::Error::from(std::io::ErrorKind::IsADirectory));
+                }
+                if to.symlink_metadata().is_ok() {
+                    fs::rename(&to, &aside)?;
+                }
+                fs::rename(&from, &to).map(|()| m.len())
+            });
             match moved {
                 Ok(bytes) => finished.bytes += bytes,
                 Err(reason) => {
-                    names[..k].iter().for_each(|n| drop(fs::remove_file(self.pattern.folder.join(n))));
+                    for name in &names[..k] {
+                        drop(fs::remove_file(self.pattern.folder.join(name)));
+                    }
+                    for name in &names[..=k] {
+                        // Fails where nothing was replaced.
+                        drop(fs::rename(replaced.join(name), self.pattern.folder.join(name)));
+                    }
                     return Err(Error::unwritable(&to, &reason));
                 }
             }
@@ -314,6 +330,23 @@ mod tests {
         let sequence = Sequence::create(&pattern).unwrap();
         sequence.write(1000, [&b"x"[..]]).unwrap();
         assert_eq!(sequence.finish().unwrap(), Finished { files: 1, bytes: 1, older: 1 });
+    }
+
+    #[test]
+    fn a_sequence_that_cannot_be_finished_leaves_what_was_there() {
+        let dir = tempfile::tempdir().unwrap();
+        for (name, text) in [("f_1.ply", "one"), ("f_2.ply", "two")] {
+            fs::write(dir.path().join(name), text).unwrap();
+        }
+        let sequence = Sequence::create(&dir.path().join("f_#.ply")).unwrap();
+        for frame in 1..=3 {
+            sequence.write(frame, [&b"new"[..]]).unwrap();
+        }
+        fs::create_dir(dir.path().join("f_3.ply")).unwrap();
+        assert_eq!(sequence.finish().unwrap_err().kind, Kind::Unwritable);
+        let text = |name: &str| fs::read_to_string(dir.path().join(name)).unwrap();
+        assert_eq!((text("f_1.ply").as_str(), text("f_2.ply").as_str()), ("one", "two"));
+        assert_eq!(names(dir.path()), ["f_1.ply", "f_2.ply", "f_3.ply"]);
     }
 
     #[test]

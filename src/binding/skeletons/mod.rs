@@ -1,0 +1,245 @@
+//! Skeleton takes on scans: joints told by name or form, their turns brought onto the scan's own body.
+//!
+//! Every segment of the scan turns as the capture's joint does; lengths are the scan's own, and the way of the pelvis is scaled by the
+//! length of the legs. What pulls the scan are points in and on its parts that move so.
+
+mod cast;
+mod grips;
+mod names;
+mod neutral;
+mod puppet;
+mod rig;
+mod stance;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;
+
+use super::bind::{scan_unit, unit_factor};
+use super::landmarks::Body;
+use super::reference::frame_index;
+use super::segments::{Segment, Skeleton};
+use super::similarity::{Similarity, turn_between};
+use super::track::Track;
+use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, actor};
+use crate::capture::{Capture, MarkerTake, SkeletonTake};
+use crate::error::{Error, Notes, Result};
+use crate::space::{Evidence, Known};
+use cast::Cast;
+use glam::{DQuat, DVec3};
+use grips::Grip;
+use neutral::{Nearness, Neutral};
+use puppet::{BALL, Part, Puppet};
+use rig::{Pose, Rig};
+use stance::Lengths;
+
+/// Mean angle between the scan's segments and those of the nearest pose, in degrees, beyond which twists are doubtful.
+const FAR: f64 = 45.0;
+/// Length ratios of actor and scan farther from 1 than this are worth a word.
+const OTHER_BUILD: f64 = 0.25;
+/// Share of frames in which the feet may be below the floor.
+const ON_FLOOR: f64 = 0.2;
+
+/// Binds a skeleton take to the body of a scan.
+///
+/// # Errors
+/// Refusals: not a human skeleton, an unclear up axis, toes that point backwards; a reference frame outside the take.
+pub(super) fn bind(
+    scan: &ScanShape<'_>,
+    body: &Body,
+    capture: &Capture,
+    take: &SkeletonTake,
+    reference: Option<&Capture>,
+    options: &Options,
+    mut notes: Notes,
+) -> Result<Binding> {
+    let skeleton = Skeleton::of(body);
+    let rig = Rig { take, mirror: options.mirror };
+    let in_file = |e: Error| if e.file.is_none() { e.file(&capture.source) } else { e };
+    let (cast, lengths) = recognise(&rig, options, &mut notes).map_err(in_file)?;
+    let stance = stance::read(&rig, &cast, &lengths, &capture.space, options, &mut notes).map_err(in_file)?;
+    if !matches!(options.align, Align::Auto | Align::Retarget) {
+        notes.warn(format!("--align {} is for markers: joints are retargeted", options.align));
+    }
+    if reference.is_some() {
+        notes.warn("the reference capture is not used: a skeleton take carries its own rest");
+    }
+
+    let near = match options.reference {
+        Reference::Frame(number) => {
+            let frame = frame_index(capture, &Track { take: &take.origins, mirror: false }, number)?;
+            neutral::nearness_of(&rig, &cast, &skeleton, frame)
+        }
+        Reference::Auto => neutral::nearest_frame(&rig, &cast, &skeleton),
+    };
+    let near =
+        near.ok_or_else(|| in_file(Error::refused("no frame shows all of hips, knees, ankles, shoulders, elbows and wrists")))?;
+    let Pose::Frame(frame) = near.pose else { return Err(in_file(Error::refused("the take has no frames"))) };
+    let rest = if options.reference == Reference::Auto { neutral::rest(&rig, &cast, &skeleton) } else { None };
+    let pose = rest.map_or(near.pose, |rest| rest.pose);
+    let up = stance.up.value.vector();
+    let neutral = Neutral::read(&rig, &cast, &skeleton, pose, up)
+        .ok_or_else(|| in_file(Error::refused("the joints of the reference pose have no places or turns")))?;
+    warn_of_pose(rest.is_some(), near, &mut notes);
+
+    let unit = scan_unit(scan, Some(body), options);
+    let factor = unit_factor(stance.unit, unit);
+    let diagonal = scan.unit_box.diagonal;
+    let [thigh, shank] = [Segment::LeftThigh, Segment::LeftShank].map(|left| mean_length(&skeleton, left));
+    let mut puppet = Puppet::new(rig, (&rig, &cast, pose), &cast, &skeleton, &neutral);
+    puppet.scale = options.scale.map_or((thigh + shank) / stance.leg, |s| s * factor / diagonal);
+    let yaw =
+        place(&mut puppet, &skeleton, frame, up, options).ok_or_else(|| in_file(Error::refused("the pelvis has no turn")))?;
+    let grips = grips::all(&puppet, &skeleton, scan.tree);
+    let trajectories = animate(&mut puppet, &skeleton, &grips, rig.frames());
+
+    let ratio = |capture: f64, scan: f64| capture * puppet.scale / scan;
+    let proportions = vec![
+        ("torso", ratio(lengths.torso, torso(&skeleton))),
+        ("upper arm", ratio(lengths.upper_arm, mean_length(&skeleton, Segment::LeftUpperArm))),
+        ("forearm", ratio(lengths.forearm, mean_length(&skeleton, Segment::LeftForearm))),
+        ("thigh", ratio(lengths.thigh, thigh)),
+        ("shank", ratio(lengths.shank, shank)),
+    ];
+    let other: Vec<String> =
+        proportions.iter().filter(|(_, r)| (r - 1.0).abs() > OTHER_BUILD).map(|(name, r)| format!("{name} {r:.2}")).collect();
+    if !other.is_empty() {
+        notes.warn(format!(
+            "actor and scan differ in build ({}): the scan keeps its lengths, so hands and feet reach elsewhere",
+            other.join(", ")
+        ));
+    }
+    let known = |value, user: bool| Some(Known::new(value, if user { Evidence::User } else { Evidence::Shape }));
+    let handles: Vec<BoundMarker> = grips
+        .into_iter()
+        .enumerate()
+        .map(|(marker, g)| BoundMarker { label: g.label, marker, attachment: g.rest, segment: Some(g.segment), beta: 1.0 })
+        .collect();
+    let decisions = Decisions {
+        align: Align::Retarget,
+        noun: "joint",
+        on_skin: false,
+        reference_frame: capture.first_frame + frame as i64,
+        reference_range: (capture.first_frame, capture.first_frame + rig.frames() as i64 - 1),
+        reference_capture: None,
+        reference_rest: rest.is_some(),
+        scale: puppet.scale * diagonal / factor,
+        yaw: yaw.to_degrees(),
+        scan_unit: unit,
+        scan_up: known(body.up, options.scan_up.is_some()),
+        scan_forward: known(body.forward, options.flip),
+        scan_height: Some(body.stature * diagonal),
+        capture_unit: stance.unit,
+        capture_up: Some(stance.up),
+        actor_height: Some(stance.stature),
+        set: cast.family,
+        named: if cast.by_form { 0 } else { cast.named },
+        markers: take.joints.iter().filter(|j| !j.end).count(),
+        bound: handles.len(),
+        off_surface: None,
+        residual: None,
+        proportions,
+        strain: None,
+    };
+    let segments = Segment::ALL.map(|segment| {
+        let bone = skeleton.bone(segment);
+        SegmentPlace { segment, from: bone.origin, to: bone.end }
+    });
+    Ok(Binding {
+        placement: Similarity::IDENTITY,
+        handles,
+        unbound: Vec::new(),
+        segments: segments.to_vec(),
+        decisions,
+        trajectories: Some(trajectories),
+        notes,
+    })
+}
+
+/// The parts of the joints and their lengths, or why this is no human skeleton.
+fn recognise(rig: &Rig<'_>, options: &Options, notes: &mut Notes) -> Result<(Cast, Lengths)> {
+    let _ = notes;
+    let refusal = |what: String| {
+        Error::refused(what)
+            .expected("a person's skeleton: pelvis, chest, and on both sides shoulder, elbow, wrist, hip, knee and ankle")
+            .hint("a skeleton with the usual names (Hips, LeftArm, LeftForeArm, …); --align none when it lies in the scan")
+    };
+    let cast = cast::by_names(rig, options.swap_sides).map_err(|missing| {
+        refusal(format!("the joints are not those of a person as far as names tell: no {}", missing.join(", no ")))
+    })?;
+    let lengths = Lengths::of(rig, &cast).ok_or_else(|| refusal("no frame shows all joints of the limbs".to_owned()))?;
+    let shortest =
+        [lengths.thigh, lengths.shank, lengths.upper_arm, lengths.forearm, lengths.torso].into_iter().fold(f64::MAX, f64::min);
+    if shortest.is_nan() || shortest < 0.05 * lengths.thigh.max(lengths.torso) {
+        return Err(refusal("a limb of the skeleton has no length".to_owned()));
+    }
+    Ok((cast, lengths))
+}
+
+fn warn_of_pose(rest: bool, near: Nearness, notes: &mut Notes) {
+    if !rest && near.angle > FAR {
+        notes.warn(format!(
+            "no frame is near the scan's pose ({:.0}° away in the mean) and the file's rest is no standing person: limbs may be twisted; \
+             --ref N takes another frame",
+            near.angle
+        ));
+    }
+}
+
+/// Turns and shifts the puppet onto the scan: as the body stands in `frame`. Gives the turn about up.
+fn place(puppet: &mut Puppet<'_>, body: &Skeleton, frame: usize, up: DVec3, options: &Options) -> Option<f64> {
+    let tilt = turn_between(up, body.up);
+    puppet.turn = tilt;
+    let (forward, _) = puppet.facing(frame)?;
+    let measured = body.up.dot(forward.cross(body.forward)).atan2(forward.dot(body.forward));
+    let yaw = options.yaw.map_or(measured, f64::to_radians);
+    puppet.turn = DQuat::from_axis_angle(body.up, yaw) * tilt;
+    let (_, hips) = puppet.facing(frame)?;
+    puppet.shift = body.bone(Segment::Pelvis).origin - hips;
+    Some(yaw)
+}
+
+/// Moves the grips through the take, with the feet on the scan's floor.
+fn animate(puppet: &mut Puppet<'_>, body: &Skeleton, grips: &[Grip], frames: usize) -> MarkerTake {
+    let floor = body.bone(Segment::Head).end.dot(body.up) - body.stature;
+    let soles = soles(body, floor);
+    let mut heights = Vec::with_capacity(frames);
+    let mut places = Vec::with_capacity(frames * grips.len());
+    for frame in 0..frames {
+        let posture = puppet.frame(frame);
+        let lowest =
+            soles.iter().filter_map(|&(part, p)| posture.apply(part, p)).map(|p| p.dot(body.up)).fold(f64::INFINITY, f64::min);
+        heights.extend(lowest.is_finite().then_some(lowest));
+        places.extend(grips.iter().map(|g| posture.apply(g.part, g.rest).unwrap_or(DVec3::NAN)));
+    }
+    let lift = body.up * (floor - actor::quantile(&mut heights, ON_FLOOR).unwrap_or(floor));
+    puppet.shift += lift;
+    MarkerTake {
+        labels: grips.iter().map(|g| g.label.clone()).collect(),
+        points: places.into_iter().map(|p| (p + lift).to_array().map(|x| x as f32)).collect(),
+    }
+}
+
+/// Points of the soles at rest: under heels, balls and tips of the feet.
+fn soles(body: &Skeleton, floor: f64) -> Vec<(Part, DVec3)> {
+    let mut out = Vec::new();
+    for (s, foot) in [Segment::LeftFoot, Segment::RightFoot].into_iter().enumerate() {
+        let bone = body.bone(foot);
+        let down = |p: DVec3| p + body.up * (floor - p.dot(body.up));
+        let heel = bone.origin - bone.forward * (0.2 * bone.length);
+        out.extend([(Part::Foot(s), down(heel)), (Part::Foot(s), down(bone.origin.lerp(bone.end, BALL)))]);
+        out.push((Part::Toes(s), down(bone.end)));
+    }
+    out
+}
+
+/// Mean length of a segment of the left side and its counterpart.
+fn mean_length(body: &Skeleton, left: Segment) -> f64 {
+    let right = left.opposite();
+    0.5 * (body.bone(left).length + body.bone(right).length)
+}
+
+/// From the middle of the hips to the middle of the shoulders.
+fn torso(body: &Skeleton) -> f64 {
+    let shoulders = (body.shoulders[0] + body.shoulders[1]) * 0.5;
+    (shoulders - body.bone(Segment::Pelvis).origin).length()
+}

@@ -1,0 +1,172 @@
+//! What the readers of skeletons have in common: the file that was read, unique names, the bound on memory, rest poses.
+
+use super::{Capture, Cleaning, MarkerTake, Motion, SkeletonTake, source};
+use crate::error::{Error, Kind, Notes, Result};
+use crate::space::Space;
+use glam::{DQuat, DVec3};
+use std::collections::{HashMap, HashSet};
+use std::path::Path;
+
+/// Bytes of a take per byte of the file above which the file is refused, and bytes that are always allowed. A row of a real file has
+/// two or more bytes for each of a joint's three numbers, and a joint takes 28 bytes per frame.
+const LARGEST_RATIO: usize = 64;
+const ALWAYS_ALLOWED: usize = 64 << 20;
+
+/// A skeleton take as a file has it.
+#[derive(Debug)]
+pub(super) struct SkeletonFile {
+    pub(super) take: SkeletonTake,
+    /// Frames per second; positive.
+    pub(super) rate: f64,
+    /// Number of the first frame.
+    pub(super) first_frame: i64,
+    /// Unit and up axis, where the file says so.
+    pub(super) space: Space,
+    /// Name of the subject or the clip, where the file says so.
+    pub(super) name: Option<String>,
+    pub(super) notes: Notes,
+}
+
+impl SkeletonFile {
+    /// The capture that the file is.
+    pub(super) fn capture(self, path: &Path) -> Capture {
+        Capture {
+            name: self.name.unwrap_or_else(|| source::stem(path)),
+            rate: self.rate,
+            first_frame: self.first_frame,
+            space: self.space,
+            motion: Motion::Skeleton(self.take),
+            source: path.to_owned(),
+            cleaning: Cleaning::default(),
+            notes: self.notes,
+        }
+    }
+}
+
+/// Places and turns of all joints, filled frame by frame.
+pub(super) struct Frames {
+    joints: usize,
+    points: Vec<[f32; 3]>,
+    rotations: Vec<[f32; 4]>,
+}
+
+impl Frames {
+    /// Room for a take.
+    ///
+    /// # Errors
+    /// A take that is out of all proportion to the `bytes` of its file: few numbers move very many joints.
+    pub(super) fn new(joints: usize, frames: usize, bytes: usize) -> Result<Self> {
+        let cells = joints.checked_mul(frames);
+        let needed = cells.and_then(|c| c.checked_mul(size_of::<[f32; 7]>())).unwrap_or(usize::MAX);
+        if needed > ALWAYS_ALLOWED.saturating_add(bytes.saturating_mul(LARGEST_RATIO)) {
+            return Err(Error::refused(format!("{frames} frames of {joints} joints in {bytes} bytes"))
+                .expected("a file in which most joints move by numbers of their own"));
+        }
+        let cells = cells.unwrap_or_default();
+        Ok(Self { joints, points: Vec::with_capacity(cells), rotations: Vec::with_capacity(cells) })
+    }
+
+    /// Adds a joint of the frame that is being filled.
+    pub(super) fn push(&mut self, place: DVec3, turn: DQuat) {
+        if place.is_finite() && turn.is_finite() {
+            self.points.push(place.to_array().map(|x| x as f32));
+            self.rotations.push([turn.x, turn.y, turn.z, turn.w].map(|x| x as f32));
+        } else {
+            self.points.push([f32::NAN; 3]);
+            self.rotations.push([f32::NAN; 4]);
+        }
+    }
+
+    /// The take of these joints.
+    pub(super) fn take(self, joints: Vec<super::Joint>, rest: super::Rest) -> SkeletonTake {
+        debug_assert_eq!(joints.len(), self.joints);
+        let labels = joints.iter().map(|j| j.name.clone()).collect();
+        SkeletonTake { joints, rest, origins: MarkerTake { labels, points: self.points }, rotations: self.rotations }
+    }
+}
+
+/// Makes names unique: later ones of a kind get `#2`, `#3` …; empty ones become `joint 7`. Returns how many were changed.
+pub(super) fn unique<'a>(names: impl Iterator<Item = &'a mut String>) -> usize {
+    let mut taken: HashSet<String> = HashSet::new();
+    let mut next: HashMap<String, usize> = HashMap::new();
+    let mut changed = 0;
+    for (n, name) in names.enumerate() {
+        if name.is_empty() {
+            *name = format!("joint {}", n + 1);
+        }
+        if taken.insert(name.clone()) {
+            continue;
+        }
+        let count = next.entry(name.clone()).or_insert(2);
+        let free = loop {
+            let tried = format!("{name}#{count}");
+            *count += 1;
+            if !taken.contains(&tried) {
+                break tried;
+            }
+        };
+        taken.insert(free.clone());
+        *name = free;
+        changed += 1;
+    }
+    changed
+}
+
+/// The rate that a period in seconds means: its inverse, or the usual rate that the period is a rounding of. `decimals` are those
+/// that the period is written with.
+pub(super) fn rate(period: f64, decimals: usize) -> f64 {
+    let raw = 1.0 / period;
+    let whole = raw.round();
+    let unit = 10f64.powi(-(decimals.min(22) as i32)) * 1.000_001;
+    let near = |rate: f64| (1.0 / rate - period).abs();
+    [whole, 23.976, 29.97, 59.94, 119.88, (raw * 1.001).round() / 1.001]
+        .into_iter()
+        .filter(|&r| r > 0.0 && near(r) <= unit && (r / raw - 1.0).abs() < 2e-3)
+        .fold(None, |best: Option<f64>, r| if best.is_none_or(|b| near(r) < near(b)) { Some(r) } else { best })
+        .unwrap_or(raw)
+}
+
+/// An error for a take without frames.
+pub(super) fn no_frames(found: &str) -> Error {
+    Error::new(Kind::Unsupported, found).expected("at least one frame of motion")
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn names_become_unique() {
+        let mut names = ["a", "b", "a", "a#2", "", "a", "b"].map(str::to_owned);
+        assert_eq!(unique(names.iter_mut()), 4);
+        assert_eq!(names, ["a", "b", "a#2", "a#2#2", "joint 5", "a#3", "b#2"]);
+    }
+
+    #[test]
+    fn a_rounded_period_means_the_usual_rate() {
+        let cases = [
+            (0.0083333, 7, 120.0),
+            (0.008333, 6, 120.0),
+            (0.033333, 6, 30.0),
+            (0.0333, 4, 30.0),
+            (0.033367, 6, 29.97),
+            (0.041667, 6, 24.0),
+            (0.0417083750417, 13, 23.976),
+            (0.016666666666666666, 18, 60.0),
+            (0.04, 2, 25.0),
+            (0.0016, 4, 625.0),
+        ];
+        for (period, decimals, wanted) in cases {
+            assert!((rate(period, decimals) - wanted).abs() < 1e-9, "{period}: {}", rate(period, decimals));
+        }
+        assert!((rate(0.0331, 4) - 1.0 / 0.0331).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_take_out_of_proportion_is_refused() {
+        assert!(Frames::new(100_000, 1_000_000, 4_000_000).is_err());
+        assert!(Frames::new(usize::MAX, 3, 100).is_err());
+        assert!(Frames::new(40, 3000, 2_000_000).is_ok());
+    }
+}

@@ -1,0 +1,123 @@
+//! The bytes of a capture file, unpacked.
+
+use crate::error::{Error, Kind, Result};
+use flate2::bufread::MultiGzDecoder;
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::Path;
+
+/// Largest content in bytes.
+const LARGEST: u64 = u32::MAX as u64;
+/// Unpacked bytes per packed byte above which a gzip file is refused. Captures reach 3 to 30; deflate itself can reach 1030.
+const LARGEST_RATIO: u64 = 100;
+/// Unpacked bytes that are always allowed: a small file may well consist of repetitions.
+const ALWAYS_ALLOWED: u64 = 64 << 20;
+/// How a gzip file begins.
+const GZIP: [u8; 2] = [0x1f, 0x8b];
+
+/// The first bytes of the content of `path`, unpacked where it is gzip; as many as can be read, at most `length`.
+///
+/// # Errors
+/// Files that cannot be opened.
+pub(super) fn head(path: &Path, length: u64) -> Result<Vec<u8>> {
+    let mut file = BufReader::new(File::open(path).map_err(|e| Error::unreadable(path, &e))?);
+    let mut head = Vec::new();
+    // A folder or damaged gzip data fail here; their own message comes from the reader of the format.
+    let _ = file.by_ref().take(length).read_to_end(&mut head);
+    if head.starts_with(&GZIP) {
+        let rest = std::mem::take(&mut head);
+        let _ = MultiGzDecoder::new(BufReader::new(rest.chain(file))).take(length).read_to_end(&mut head);
+    }
+    Ok(head)
+}
+
+/// The content of `path`, unpacked where it is gzip.
+///
+/// # Errors
+/// Unreadable, larger than 4 GiB, damaged gzip, or a gzip that unpacks to an absurd size.
+pub(super) fn load(path: &Path) -> Result<Vec<u8>> {
+    let unreadable = |e: std::io::Error| Error::unreadable(path, &e);
+    let file = File::open(path).map_err(unreadable)?;
+    let about = file.metadata().map_err(unreadable)?;
+    if about.is_dir() {
+        return Err(Error::new(Kind::Unreadable, "is a folder").file(path).expected("a capture file"));
+    }
+    let mut bytes = Vec::with_capacity(about.len().min(LARGEST) as usize);
+    file.take(LARGEST + 1).read_to_end(&mut bytes).map_err(unreadable)?;
+    if bytes.len() as u64 > LARGEST {
+        return Err(too_large().file(path));
+    }
+    if bytes.starts_with(&GZIP) { unpack(&bytes).map_err(|e| e.file(path)) } else { Ok(bytes) }
+}
+
+/// The extension in lower case, without a final `.gz`.
+pub(super) fn extension(path: &Path) -> String {
+    let lower = |p: &Path| p.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    match lower(path).as_str() {
+        "gz" => path.file_stem().map(|stem| lower(Path::new(stem))).unwrap_or_default(),
+        other => other.to_owned(),
+    }
+}
+
+/// The name without extension and without `.gz`.
+pub(super) fn stem(path: &Path) -> String {
+    let stem = |p: &Path| p.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    let name = stem(path);
+    let packed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
+    if packed { stem(Path::new(&name)) } else { name }
+}
+
+fn too_large() -> Error {
+    Error::new(Kind::Unsupported, "more than 4 GiB of data").expected("at most 4 GiB")
+}
+
+fn unpack(packed: &[u8]) -> Result<Vec<u8>> {
+    let allowed = (ALWAYS_ALLOWED + LARGEST_RATIO * packed.len() as u64).min(LARGEST);
+    let mut bytes = Vec::new();
+    let outcome = MultiGzDecoder::new(packed).take(allowed + 1).read_to_end(&mut bytes);
+    if bytes.len() as u64 > allowed {
+        if allowed == LARGEST {
+            return Err(too_large());
+        }
+        return Err(Error::refused(format!("gzip data of {} bytes unpacks to more than {allowed} bytes", packed.len()))
+            .expected(format!("a capture, which gzip seldom packs by more than 30 : 1 (limit {LARGEST_RATIO} : 1)"))
+            .hint("unpack it yourself if it really is a capture"));
+    }
+    outcome
+        .map_err(|e| Error::malformed(format!("damaged gzip data: {e}")).at(format!("after {} unpacked bytes", bytes.len())))?;
+    Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use std::io::Write;
+
+    fn gzip(bytes: &[u8]) -> Vec<u8> {
+        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
+        encoder.write_all(bytes).unwrap();
+        encoder.finish().unwrap()
+    }
+
+    #[test]
+    fn a_gzip_bomb_is_refused_and_a_cut_one_is_an_error() {
+        let bomb = gzip(&vec![b' '; (ALWAYS_ALLOWED + (20 << 20)) as usize]);
+        assert_eq!(unpack(&bomb).unwrap_err().kind, Kind::Refused);
+        let packed = gzip(b"HIERARCHY\nROOT Hips\n{\n");
+        assert_eq!(unpack(&packed).unwrap(), b"HIERARCHY\nROOT Hips\n{\n");
+        assert_eq!(unpack(&packed[..packed.len() - 5]).unwrap_err().kind, Kind::Malformed);
+    }
+
+    #[test]
+    fn a_packed_file_shows_the_head_and_the_name_of_what_is_in_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("walk.2.BVH.gz");
+        std::fs::write(&path, gzip(b"HIERARCHY\nROOT Hips\n{\n")).unwrap();
+        assert_eq!(head(&path, 9).unwrap(), b"HIERARCHY");
+        assert_eq!(load(&path).unwrap(), b"HIERARCHY\nROOT Hips\n{\n");
+        assert_eq!((extension(&path), stem(&path)), ("bvh".into(), "walk.2".into()));
+        assert_eq!((extension(Path::new("a/b.amc")), stem(Path::new("a/b.amc"))), ("amc".into(), "b".into()));
+        assert_eq!(load(folder.path()).unwrap_err().found, "is a folder");
+    }
+}
