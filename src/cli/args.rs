@@ -161,7 +161,8 @@ pub struct Animate {
     /// How scan vertices and handles follow the proxy: ring-averaged gradients, or the paper's formulas to the letter
     #[arg(long, hide_short_help = true, value_enum, default_value_t = Map::Ring, help_heading = "Proxy")]
     pub map: Map,
-    /// Keep the shape of a part of the scan, for example ends (head, hands and feet of a person) or group:armor_* (repeatable)
+    /// Keep the shape of a part of the scan, for example group:armor_* (repeatable). Head, hands and feet of a person keep theirs where few markers are
+    /// on them; --stiffness ends=1 lets them bend
     #[arg(long, value_name = "WHAT", help_heading = "Parts")]
     pub rigid: Vec<Selector>,
     /// Make a part of the scan stiffer (above 1) or softer, for example upper_arms=3 against arms that bow (repeatable, later ones win)
