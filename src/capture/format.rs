@@ -23,6 +23,8 @@ pub(super) enum Format {
     Trc,
     /// Table of markers, comma-separated.
     Csv,
+    /// One of a sequence of meshes.
+    Meshes,
 }
 
 /// Bytes that are looked at.
@@ -55,6 +57,7 @@ fn of(head: &[u8], extension: &str) -> Format {
         "usd" | "usda" | "usdc" | "usdz" => Format::Usd,
         "trc" => Format::Trc,
         "csv" | "tsv" => Format::Csv,
+        "obj" | "ply" | "stl" | "off" => Format::Meshes,
         _ => Format::C3d,
     }
 }
@@ -73,6 +76,7 @@ impl Format {
             Format::Usd => format!("is a USD file: {skeleton}"),
             Format::Trc => format!("is a TRC table: {table}"),
             Format::Csv => format!("is a CSV table: {table}"),
+            Format::Meshes => "is a mesh".to_owned(),
         };
         Error::new(Kind::Unsupported, what).expected("a C3D file with labelled markers").hint("export the markers as C3D")
     }

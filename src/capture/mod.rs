@@ -14,6 +14,7 @@ mod skeleton;
 mod source;
 mod swaps;
 mod turns;
+mod vertices;
 
 #[cfg(test)]
 #[path = "../../tests/common/c3d_writer.rs"]
@@ -22,6 +23,7 @@ mod c3d_writer;
 mod tests;
 
 use crate::error::{Notes, Result};
+use crate::scan::Faces;
 use crate::space::{Known, Space, Unit};
 use crate::words;
 use format::Format;
@@ -29,6 +31,7 @@ use glam::{DQuat, DVec3};
 use std::fmt;
 use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
+pub use vertices::is_mesh;
 
 /// What to take from a capture file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -47,6 +50,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Capture> {
     let capture = match format::tell(path)? {
         Format::Bvh => source::load(path).and_then(|bytes| Ok(bvh::read(&bytes)?.capture(path))),
         Format::C3d => c3d::C3d::open(path).and_then(|file| assemble(file, path, options)),
+        Format::Meshes => vertices::read(path),
         other => Err(other.unsupported()),
     };
     capture.map_err(|e| if e.file.is_none() { e.file(path) } else { e }.hint_for_broken_file())
@@ -100,23 +104,25 @@ pub enum Motion {
     /// Joints with places and turns, inside of the body.
     Skeleton(SkeletonTake),
     /// Vertices of a captured surface.
-    Vertices(MarkerTake),
+    Vertices(VertexTake),
 }
 
 impl Motion {
     /// Trajectories of the points that move: markers, origins of joints, vertices.
     pub fn points(&self) -> &MarkerTake {
         match self {
-            Motion::Markers(take) | Motion::Vertices(take) => take,
+            Motion::Markers(take) => take,
             Motion::Skeleton(skeleton) => &skeleton.origins,
+            Motion::Vertices(surface) => &surface.points,
         }
     }
 
     /// As [`Motion::points`], to be changed.
     pub fn points_mut(&mut self) -> &mut MarkerTake {
         match self {
-            Motion::Markers(take) | Motion::Vertices(take) => take,
+            Motion::Markers(take) => take,
             Motion::Skeleton(skeleton) => &mut skeleton.origins,
+            Motion::Vertices(surface) => &mut surface.points,
         }
     }
 
@@ -200,6 +206,19 @@ pub struct Joint {
     pub rest_turn: DQuat,
     /// Whether it is only the end of a bone and has no turn of its own.
     pub end: bool,
+}
+
+/// Vertices of a captured surface: some of them, spread evenly.
+#[derive(Clone, Debug, Default)]
+pub struct VertexTake {
+    /// Their trajectories; any number of the first of them is spread over the whole surface.
+    pub points: MarkerTake,
+    /// Which vertices of the surface they are.
+    pub vertices: Vec<u32>,
+    /// Number of all vertices of the surface.
+    pub count: usize,
+    /// The faces over them.
+    pub faces: Faces,
 }
 
 /// Trajectories of labelled points, frame by frame.

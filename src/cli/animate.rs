@@ -302,7 +302,11 @@ fn read_captures(args: &Animate) -> Result<Captures> {
         tables.push(table);
         capture
     } else {
-        capture::read(&args.capture, &options)?
+        let mut capture = capture::read(&args.capture, &options)?;
+        if capture::is_mesh(&args.capture) {
+            capture.rate = args.rate;
+        }
+        capture
     };
     tables.extend(args.handles.as_ref().map(|path| HandleTable::read(path)).transpose()?);
     let reference = args.ref_file.as_ref().map(|path| read_reference(path, &options)).transpose()?;
@@ -391,7 +395,7 @@ fn bind(
     captures: &mut Captures,
 ) -> Result<Binding> {
     let tree = TriangleTree::new(points, triangles);
-    let shape = ScanShape { tree: &tree, unit_box, space: &scan.space };
+    let shape = ScanShape { tree: &tree, unit_box, space: &scan.space, mesh: Some(&scan.mesh) };
     let options = binding::Options {
         align: match args.align {
             Align::Auto => binding::Align::Auto,

@@ -71,7 +71,7 @@ pub struct Animate {
     #[arg(long, value_name = "A..B", value_parser = parse_frames, help_heading = "Time", allow_hyphen_values = true)]
     pub frames: Option<(i64, i64)>,
 
-    /// Frames per second where the capture is a table of handles
+    /// Frames per second where the capture is a table of handles or a sequence of meshes
     #[arg(long, hide_short_help = true, value_name = "HZ", default_value_t = 30.0, value_parser = parse_positive, help_heading = "Time")]
     pub rate: f64,
 
