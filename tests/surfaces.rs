@@ -132,7 +132,8 @@ fn the_running_cat_moves_its_own_reference() {
             .filter_map(|line| line.strip_prefix("v "))
             .map(|line| {
                 let xyz: Vec<f64> = line.split_whitespace().map(|x| x.parse().unwrap()).collect();
-                [xyz[0], xyz[1], xyz[2]]
+                // The reference is ten times as large.
+                [10.0 * xyz[0], 10.0 * xyz[1], 10.0 * xyz[2]]
             })
             .collect();
         let size = (0..3)

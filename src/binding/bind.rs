@@ -9,8 +9,8 @@ use super::segments::{self, Segment, Side, Skeleton};
 use super::similarity::{Held, Similarity, upright};
 use super::track::Track;
 use super::{
-    Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, checks, clusters, places, raw, refuse,
-    skeletons, skin, surfaces,
+    Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, Turning, checks, clusters, places, raw,
+    refuse, skeletons, skin, surfaces,
 };
 use crate::capture::{Capture, Motion};
 use crate::error::{Error, Kind, Notes, Result};
@@ -505,6 +505,7 @@ impl Human<'_> {
             unbound,
             segments,
             trajectories: None,
+            turning: Turning::default(),
             decisions,
             notes,
         })

@@ -6,7 +6,7 @@ use super::landmarks::Body;
 use super::raw::{bind_found, lies_on, off_surface};
 use super::reference::frame_index;
 use super::similarity::{Similarity, rigid};
-use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape};
+use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, Turning};
 use crate::capture::{Capture, VertexTake};
 use crate::error::{Error, Notes, Result};
 use crate::scan::SurfaceMesh;
@@ -18,6 +18,8 @@ use glam::{DQuat, DVec3};
 const HANDLES: usize = 400;
 /// Size of the scan against the capture that is taken for the same.
 const SAME_SIZE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
+/// Logarithm of the size against a power of ten up to which only the unit differs.
+const SAME_UNIT: f64 = 0.02;
 /// Turn in degrees up to which the capture has the scan's axes.
 const SAME_AXES: f64 = 45.0;
 /// Frames looked at.
@@ -81,7 +83,12 @@ fn by_number(
     // Scan units per unit of the capture.
     let factor = match options.scale {
         Some(scale) => scale * said,
-        None => [said, 1.0].into_iter().find(|f| SAME_SIZE.contains(&(measured / f))).unwrap_or(measured),
+        None => {
+            let power = 10f64.powf(measured.log10().round());
+            let alike = |f: &f64| SAME_SIZE.contains(&(measured / f));
+            let unit = ((measured / power).ln().abs() < SAME_UNIT).then_some(power);
+            [said, 1.0].into_iter().find(alike).or(unit).unwrap_or(measured)
+        }
     };
     let scale = factor / scan.unit_box.diagonal;
 
@@ -96,9 +103,9 @@ fn by_number(
             best = Some((rms, frame, turn, shift));
         }
     }
-    let (rms, frame, turn, shift) =
+    let (_, frame, turn, shift) =
         best.ok_or_else(|| Error::refused("no frame shows three vertices").file(&take.capture.source))?;
-    let own_axes = turn.angle_between(DQuat::IDENTITY).to_degrees() < SAME_AXES && (factor == 1.0 || factor == said);
+    let own_axes = turn.angle_between(DQuat::IDENTITY).to_degrees() < SAME_AXES && factor != measured;
     let (rotation, translation) = if own_axes && options.align != Align::Similarity {
         (DQuat::IDENTITY, -scan.unit_box.centre / scan.unit_box.diagonal)
     } else {
@@ -122,7 +129,7 @@ fn by_number(
     let decisions = Decisions {
         align: if own_axes { Align::None } else { Align::Similarity },
         noun: take.capture.motion.noun(),
-        on_skin: true,
+        on_skin: false,
         reference_frame: take.capture.first_frame + frame as i64,
         reference_range: take.range(),
         reference_capture: None,
@@ -141,7 +148,7 @@ fn by_number(
         markers: vertices.count,
         bound: handles.len(),
         off_surface: off_surface(scan, &handles),
-        residual: Some((100.0 * rms, 100.0 * rms)),
+        residual: None,
         proportions: Vec::new(),
         strain: None,
     };
@@ -151,6 +158,7 @@ fn by_number(
         unbound: Vec::new(),
         segments: Vec::new(),
         trajectories: None,
+        turning: Turning::default(),
         decisions,
         notes,
     })

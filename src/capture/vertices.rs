@@ -17,21 +17,17 @@ const LONGEST_GAP: i64 = 10;
 /// Meshes read at a time.
 const BATCH: usize = 16;
 
-/// Whether a file is a mesh, which moves only as one of a sequence.
-pub fn is_mesh(path: &Path) -> bool {
-    matches!(source::extension(path).as_str(), "obj" | "ply" | "stl" | "off")
-}
-
-/// Reads the sequence that a file belongs to: the files of its folder with the same name but for the number.
+/// Reads the sequence that a file belongs to: the files of its folder with the same name but for the number. `rate`: its frames per
+/// second, where they are known.
 ///
 /// # Errors
 /// A file without a number or without siblings; a sibling that cannot be read or has another connectivity.
-pub(super) fn read(path: &Path) -> Result<Capture> {
+pub(super) fn read(path: &Path, rate: Option<f64>) -> Result<Capture> {
     let files = siblings(path)?;
     let mut notes = Notes::default();
     let first = scan::read(&files[0].1)?;
     let vertices = spread(&first);
-    let mut keys = Vec::with_capacity(files.len());
+    let mut keys: Vec<Vec<DVec3>> = Vec::with_capacity(files.len());
     keys.push(pick(&first, &vertices));
     for batch in files[1..].chunks(BATCH) {
         let read: Vec<Result<Vec<DVec3>>> =
@@ -41,15 +37,20 @@ pub(super) fn read(path: &Path) -> Result<Capture> {
         }
     }
     let numbers = numbering(&files, &mut notes);
+    // Places far from the origin would lose digits in single precision.
+    let origin = keys[0].iter().sum::<DVec3>() / keys[0].len().max(1) as f64;
+    keys.iter_mut().flatten().for_each(|p| *p -= origin);
     let points = fill(&numbers, &keys, &mut notes);
-    notes.warn(format!("meshes say no frame rate: {RATE} Hz is assumed (--rate sets it)"));
+    if rate.is_none() {
+        notes.warn(format!("meshes say no frame rate: {RATE} Hz is assumed (--rate sets it)"));
+    }
     let labels = vertices.iter().map(|v| format!("v{v}")).collect();
     let count = first.mesh.positions.len();
-    let take = VertexTake { points: MarkerTake { labels, points }, vertices, count, faces: first.mesh.faces };
+    let take = VertexTake { points: MarkerTake { labels, points, origin }, vertices, count, faces: first.mesh.faces };
     let name = source::stem(path).trim_end_matches(|c: char| c.is_ascii_digit() || matches!(c, '_' | '-' | '.')).to_owned();
     Ok(Capture {
         name,
-        rate: RATE,
+        rate: rate.unwrap_or(RATE),
         first_frame: numbers[0],
         space: Space { ..first.space },
         motion: Motion::Vertices(take),

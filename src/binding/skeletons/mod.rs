@@ -22,7 +22,7 @@ use super::reference::frame_index;
 use super::segments::{Segment, Skeleton};
 use super::similarity::{Similarity, turn_between};
 use super::track::Track;
-use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, actor};
+use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, Turning, actor};
 use crate::capture::{Capture, MarkerTake, SkeletonTake};
 use crate::error::{Error, Notes, Result};
 use crate::space::{Evidence, Known};
@@ -153,6 +153,7 @@ pub(super) fn bind(
         segments: segments.to_vec(),
         decisions,
         trajectories: Some(trajectories),
+        turning: Turning::default(),
         notes,
     })
 }
@@ -245,6 +246,7 @@ fn animate(puppet: &mut Puppet<'_>, body: &Skeleton, grips: &[Grip], frames: usi
     MarkerTake {
         labels: grips.iter().map(|g| g.label.clone()).collect(),
         points: places.into_iter().map(|p| (p + lift).to_array().map(|x| x as f32)).collect(),
+        ..MarkerTake::default()
     }
 }
 

@@ -5,7 +5,7 @@ use crate::binding::bind::{scan_unit, unit_factor};
 use crate::binding::landmarks::Body;
 use crate::binding::segments::Skeleton;
 use crate::binding::similarity::Similarity;
-use crate::binding::{Align, Binding, BoundMarker, Decisions, Options, ScanShape, Segment, SegmentPlace};
+use crate::binding::{Align, Binding, BoundMarker, Decisions, Options, ScanShape, Segment, SegmentPlace, Turning};
 use crate::capture::{Capture, MarkerTake, SkeletonTake};
 use crate::error::{Error, Notes, Result};
 use crate::space::{Evidence, Known, Unit};
@@ -127,7 +127,8 @@ pub(super) fn bind(
         handles,
         unbound: Vec::new(),
         segments: segments.collect(),
-        trajectories: Some(MarkerTake { labels: grips.into_iter().map(|g| g.label).collect(), points }),
+        trajectories: Some(MarkerTake { labels: grips.into_iter().map(|g| g.label).collect(), points, ..MarkerTake::default() }),
+        turning: Turning::default(),
         decisions,
         notes,
     })
