@@ -159,9 +159,14 @@ pub(super) fn scan_unit(scan: &ScanShape<'_>, body: Option<&Body>, options: &Opt
         return Some(Known::new(unit, Evidence::User));
     }
     match body {
-        Some(body) => actor::unit_of_stature(body.stature * scan.unit_box.diagonal, scan.space.unit).or(scan.space.unit),
+        Some(body) => unit_of_body(body, scan.unit_box.diagonal, scan.space.unit),
         None => scan.space.unit,
     }
+}
+
+/// The unit in which a body has a person's height; the one that its file says where that fits. `diagonal`: of the scan, in its own unit.
+pub fn unit_of_body(body: &Body, diagonal: f64, file: Option<Known<Unit>>) -> Option<Known<Unit>> {
+    actor::unit_of_stature(body.stature * diagonal, file).or(file)
 }
 
 struct Human<'a> {

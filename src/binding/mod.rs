@@ -29,7 +29,7 @@ mod tests;
 mod track;
 
 pub use actor::{ActorSpace, actor_space};
-pub use bind::bind;
+pub use bind::{bind, unit_of_body};
 pub use decisions::Decisions;
 pub use driven::Turning;
 pub use regions::{Regions, Rules};

@@ -213,9 +213,7 @@ fn every_body_is_animated_or_refused_with_the_reason() {
             let output = run(&arguments);
             let done = output.status.success();
             let wrong = match (done, row[3]) {
-                (true, "done") => {
-                    contradictions(&serde_json::from_slice(&std::fs::read(&report).unwrap()).unwrap(), row[4])
-                }
+                (true, "done") => contradictions(&serde_json::from_slice(&std::fs::read(&report).unwrap()).unwrap(), row[4]),
                 (false, "refused") => refusal(&output, row[4]),
                 _ => vec![format!("not {}: {}", row[3], String::from_utf8_lossy(&output.stderr).trim())],
             };
