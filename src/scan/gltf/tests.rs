@@ -260,3 +260,17 @@ fn a_scene_that_repeats_itself_without_end_is_refused() {
     let file = b.file(nodes, json!([{ "primitives": [{ "attributes": { "POSITION": points } }] }]), json!({}));
     assert_eq!(parse(&file).unwrap_err().kind, Kind::Refused);
 }
+
+#[test]
+fn vertices_that_seams_repeat_are_twins() {
+    let mut b = Builder::default();
+    let points = b.floats(&[SQUARE[0], SQUARE[1], SQUARE[2], SQUARE[2], SQUARE[0], SQUARE[3]]);
+    let normals =
+        b.floats(&[[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, -0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+    let mesh = |attributes: Value| json!([{ "primitives": [{ "attributes": attributes }] }]);
+    let nodes = json!([{ "mesh": 0 }, { "mesh": 0 }]);
+    let scan = parse(&b.file(nodes.clone(), mesh(json!({ "POSITION": points, "NORMAL": normals })), json!({}))).unwrap();
+    // Corner 0 is a hard edge, corner 2 is not; another node's vertices are others.
+    assert_eq!(scan.look.twins, [0, 1, 2, 2, 4, 5, 6, 7, 8, 8, 10, 11]);
+    assert!(parse(&b.file(nodes, mesh(json!({ "POSITION": points })), json!({}))).unwrap().look.twins.is_empty());
+}
