@@ -53,6 +53,7 @@ pub mod export;
 pub mod fuzz;
 mod gltf;
 pub mod linalg;
+pub mod picture;
 pub mod pipeline;
 pub mod proxy;
 pub mod report;

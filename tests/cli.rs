@@ -204,3 +204,35 @@ fn inspect_tells_what_is_in_files() {
     assert_eq!(lines.len(), 2);
     assert_eq!(lines[1]["markers"].as_array().unwrap().len(), 41);
 }
+
+#[test]
+fn the_picture_shows_body_and_markers_and_is_the_same_for_any_number_of_threads() {
+    let work = tempfile::tempdir().unwrap();
+    let run = |more: &[&str]| {
+        let mut arguments = pair().to_vec();
+        arguments.extend(["--frames", "1..1"].iter().chain(more).map(|s| (*s).to_owned()));
+        retarget(work.path(), arguments)
+    };
+    let text = said(&run(&["-o", "a.pc2", "--picture", "a.png", "--threads", "1"]));
+    assert!(text.lines().any(|l| l.starts_with("picture") && l.ends_with("a.png")), "{text}");
+    let bytes = std::fs::read(work.path().join("a.png")).unwrap();
+    assert!(run(&["-o", "b.pc2", "--picture", "b.png", "--threads", "3"]).status.success());
+    assert!(bytes == std::fs::read(work.path().join("b.png")).unwrap());
+
+    let mut reader = png::Decoder::new(std::io::Cursor::new(&bytes)).read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut pixels).unwrap();
+    assert!(info.width > 1200 && info.height > 1000);
+    // Attachments are blue on the left and red on the right, in all four views; each is some fifty pixels.
+    let count = |is: fn(&[u8]) -> bool| pixels.chunks_exact(3).filter(|p| is(p)).count();
+    let (blue, red) = (count(|p| p[2] > 170 && p[0] < 60), count(|p| p[0] > 180 && p[2] < 60));
+    assert!(blue > 1000 && red > 1000 && blue < 20_000 && red < 20_000, "{blue} {red}");
+    let skin = count(|p| p[0] < 225 && p[0].abs_diff(p[2]) < 30);
+    assert!(skin > 300_000, "{skin}");
+
+    let again = run(&["-o", "c.pc2", "--picture", "a.png"]);
+    assert_eq!(again.status.code(), Some(1), "it exists already");
+    assert!(said(&again).contains("--force") && !work.path().join("c.pc2").exists());
+    let twice = run(&["-o", "d.pc2", "--picture", "d.pc2"]);
+    assert_eq!(twice.status.code(), Some(2), "{}", said(&twice));
+}

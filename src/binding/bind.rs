@@ -9,8 +9,8 @@ use super::segments::{self, Segment, Side, Skeleton};
 use super::similarity::{Held, Similarity, upright};
 use super::track::Track;
 use super::{
-    Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, checks, clusters, places, raw, refuse,
-    skeletons, skin,
+    Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, Turning, checks, clusters, places, raw,
+    refuse, skeletons, skin,
 };
 use crate::capture::{Capture, Motion};
 use crate::error::{Error, Kind, Notes, Result};
@@ -496,6 +496,7 @@ impl Human<'_> {
             unbound,
             segments,
             trajectories: None,
+            turning: Turning::default(),
             decisions,
             notes,
         })

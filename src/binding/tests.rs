@@ -144,7 +144,7 @@ fn take(person: &Person, labels: &[String], frames: &[Vec<DVec3>], yaw: f64, noi
         rate: 100.0,
         first_frame: 1,
         space: Space { unit: Some(Known::new(Unit::Millimetre, Evidence::File)), ..Space::default() },
-        motion: Motion::Markers(MarkerTake { labels: labels.to_vec(), points }),
+        motion: Motion::Markers(MarkerTake { labels: labels.to_vec(), points, ..MarkerTake::default() }),
         source: "made.c3d".into(),
         cleaning: crate::capture::Cleaning::default(),
         notes: Notes::default(),
@@ -309,7 +309,7 @@ fn a_capture_on_the_scan_is_bound_as_it_is() {
     assert_eq!(binding.decisions.align, Align::None);
     let (mut positions, mut present) = (Vec::new(), Vec::new());
     let markers = capture.motion.points();
-    binding.targets(&markers.points, &mut positions, &mut present);
+    binding.targets(markers, 0, &mut positions, &mut present);
     for (handle, target) in binding.handles.iter().zip(&positions) {
         assert!((handle.attachment - target).length() < 1e-9);
     }

@@ -81,7 +81,12 @@ impl Frames {
     pub(super) fn take(self, joints: Vec<super::Joint>, rest: super::Rest) -> SkeletonTake {
         debug_assert_eq!(joints.len(), self.joints);
         let labels = joints.iter().map(|j| j.name.clone()).collect();
-        SkeletonTake { joints, rest, origins: MarkerTake { labels, points: self.points }, rotations: self.rotations }
+        SkeletonTake {
+            joints,
+            rest,
+            origins: MarkerTake { labels, points: self.points, ..MarkerTake::default() },
+            rotations: self.rotations,
+        }
     }
 }
 

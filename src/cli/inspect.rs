@@ -1,9 +1,10 @@
 //! `retarget inspect`: what is in scans, captures and outputs.
 
+mod takes;
+
 use super::args::Inspect;
 use super::console::Console;
 use crate::binding::landmarks::{self, Body, NotHuman};
-use crate::capture::{self, Motion, ReadOptions, Rest, SkeletonTake};
 use crate::error::{Error, Notes, Result};
 use crate::scan::{self, UnitBox};
 use crate::words;
@@ -25,7 +26,7 @@ struct Found {
 pub(super) fn run(args: &Inspect, console: &Console) -> Result<()> {
     let mut failure = Ok(());
     for path in &args.files {
-        match look(path) {
+        match look(path, args.ascii) {
             Ok(found) => {
                 print(args, path, &found);
                 found.notes.iter().for_each(|text| console.warning(&format!("{}: {text}", path.display())));
@@ -50,7 +51,7 @@ fn print(args: &Inspect, path: &Path, found: &Found) {
     }
 }
 
-fn look(path: &Path) -> Result<Found> {
+fn look(path: &Path, ascii: bool) -> Result<Found> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let mut head = [0; 12];
     let mut file = File::open(path).map_err(|e| Error::unreadable(path, &e))?;
@@ -62,7 +63,7 @@ fn look(path: &Path) -> Result<Found> {
         _ if [".obj", ".ply", ".stl", ".off", ".gltf", ".glb"].iter().any(|e| name.trim_end_matches(".gz").ends_with(e)) => {
             mesh(path)
         }
-        _ => take(path),
+        _ => takes::look(path, ascii),
     }
 }
 
@@ -142,71 +143,6 @@ fn body_words(body: &std::result::Result<Body, NotHuman>, unit_box: UnitBox) -> 
         ),
         Err(reason) => format!("no person was recognised: {}", reason.reason),
     }
-}
-
-fn take(path: &Path) -> Result<Found> {
-    let capture = capture::read(path, &ReadOptions::default())?;
-    let take = capture.motion.points();
-    let last = capture.first_frame + take.frames() as i64 - 1;
-    let missing = take.points.iter().filter(|p| p[0].is_nan()).count();
-    let share = missing as f64 / take.points.len().max(1) as f64;
-    let mut lines = vec![
-        format!("capture · {}", capture.summary()),
-        format!("subject {} · frames {}..{last}", capture.name, capture.first_frame),
-        format!("{} % of the positions missing after cleaning", words::digits(share * 100.0)),
-        format!("markers {}", take.labels.join(" ")),
-    ];
-    let bones = match &capture.motion {
-        Motion::Skeleton(skeleton) => {
-            lines.pop();
-            lines.extend(bone_lines(skeleton));
-            Some(bones(skeleton))
-        }
-        _ => None,
-    };
-    let value = json!({
-        "kind": "capture",
-        "name": capture.name,
-        "frames": take.frames(),
-        "first_frame": capture.first_frame,
-        "rate": capture.rate,
-        "markers": take.labels,
-        "skeleton": bones,
-        "missing": share,
-        "unit": capture.space.unit.map(|u| u.value.to_string()),
-        "up": capture.space.up.map(|u| u.value.to_string()),
-    });
-    Ok(Found { value, lines, notes: capture.notes })
-}
-
-/// The hierarchy, the rest pose and the ranges of a skeleton, for people.
-fn bone_lines(skeleton: &SkeletonTake) -> Vec<String> {
-    let count = |wanted: fn(&capture::Joint) -> bool| skeleton.joints.iter().filter(|j| wanted(j)).count();
-    let (low, high) = skeleton.range();
-    vec![
-        format!(
-            "{}, {}, {}, depth {}",
-            words::plural(count(|j| !j.end), "joint"),
-            words::plural(count(|j| j.parent.is_none()), "root"),
-            words::plural(count(|j| j.end), "bone end"),
-            skeleton.depth(),
-        ),
-        format!("rest pose {}", skeleton.rest),
-        format!("range {} .. {}", triple(low), triple(high)),
-        format!("joints {}", skeleton.joints.iter().filter(|j| !j.end).map(|j| j.name.as_str()).collect::<Vec<_>>().join(" ")),
-    ]
-}
-
-/// The same for programs.
-fn bones(skeleton: &SkeletonTake) -> Value {
-    let (low, high) = skeleton.range();
-    json!({
-        "parents": skeleton.joints.iter().map(|j| j.parent).collect::<Vec<_>>(),
-        "ends": skeleton.joints.iter().map(|j| j.end).collect::<Vec<_>>(),
-        "depth": skeleton.depth(),
-        "rest": (skeleton.rest != Rest::Unknown).then(|| skeleton.rest.to_string()),
-        "range": [low.to_array(), high.to_array()],
-    })
 }
 
 fn cache(path: &Path) -> Result<Found> {

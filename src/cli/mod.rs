@@ -6,6 +6,7 @@ mod console;
 mod decisions;
 mod inspect;
 mod outputs;
+mod picture;
 
 use args::{Cli, Command};
 use clap::Parser;

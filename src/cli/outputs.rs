@@ -17,7 +17,7 @@ pub(super) fn sinks(args: &Animate) -> Result<Vec<Box<dyn FrameSink>>> {
         [Some(&args.scan), Some(&args.capture), args.ref_file.as_ref(), args.proxy.as_ref()].into_iter().flatten().collect();
     let mut seen: Vec<PathBuf> = Vec::new();
     let mut sinks = Vec::new();
-    for path in args.out.iter().chain(&args.report).chain(&args.save_proxy) {
+    for path in args.out.iter().chain(&args.report).chain(&args.save_proxy).chain(&args.picture) {
         let whole = absolute(path);
         if seen.iter().any(|other| *other == whole || same_frames(other, &whole)) {
             return Err(Error::new(Kind::Usage, "this output is named twice")

@@ -4,6 +4,7 @@
 //! length of the legs. What pulls the scan are points in and on its parts that move so.
 
 mod cast;
+mod form;
 mod grips;
 mod names;
 mod neutral;
@@ -20,7 +21,7 @@ use super::reference::frame_index;
 use super::segments::{Segment, Skeleton};
 use super::similarity::{Similarity, turn_between};
 use super::track::Track;
-use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, actor};
+use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, Turning, actor};
 use crate::capture::{Capture, MarkerTake, SkeletonTake};
 use crate::error::{Error, Notes, Result};
 use crate::space::{Evidence, Known};
@@ -151,21 +152,29 @@ pub(super) fn bind(
         segments: segments.to_vec(),
         decisions,
         trajectories: Some(trajectories),
+        turning: Turning::default(),
         notes,
     })
 }
 
 /// The parts of the joints and their lengths, or why this is no human skeleton.
 fn recognise(rig: &Rig<'_>, options: &Options, notes: &mut Notes) -> Result<(Cast, Lengths)> {
-    let _ = notes;
     let refusal = |what: String| {
         Error::refused(what)
             .expected("a person's skeleton: pelvis, chest, and on both sides shoulder, elbow, wrist, hip, knee and ankle")
             .hint("a skeleton with the usual names (Hips, LeftArm, LeftForeArm, …); --align none when it lies in the scan")
     };
-    let cast = cast::by_names(rig, options.swap_sides).map_err(|missing| {
-        refusal(format!("the joints are not those of a person as far as names tell: no {}", missing.join(", no ")))
-    })?;
+    let cast = match cast::by_names(rig, options.swap_sides) {
+        Ok(cast) => cast,
+        Err(missing) => {
+            let missing = missing.join(", no ");
+            let cast = form::cast(rig, options.swap_sides).ok_or_else(|| {
+                refusal(format!("the joints are not those of a person: by name there is no {missing}, and the form is another"))
+            })?;
+            notes.warn(format!("the names of the joints say too little (no {missing}): the form of the skeleton tells a person"));
+            cast
+        }
+    };
     let lengths = Lengths::of(rig, &cast).ok_or_else(|| refusal("no frame shows all joints of the limbs".to_owned()))?;
     let shortest =
         [lengths.thigh, lengths.shank, lengths.upper_arm, lengths.forearm, lengths.torso].into_iter().fold(f64::MAX, f64::min);
@@ -216,6 +225,7 @@ fn animate(puppet: &mut Puppet<'_>, body: &Skeleton, grips: &[Grip], frames: usi
     MarkerTake {
         labels: grips.iter().map(|g| g.label.clone()).collect(),
         points: places.into_iter().map(|p| (p + lift).to_array().map(|x| x as f32)).collect(),
+        ..MarkerTake::default()
     }
 }
 

@@ -76,10 +76,6 @@ impl Rig<'_> {
         self.ancestors(a).find(|j| of_b.contains(j))
     }
 
-    pub(super) fn children(&self, joint: usize) -> impl Iterator<Item = usize> {
-        self.take.joints.iter().enumerate().filter(move |(_, j)| j.parent == Some(joint)).map(|(i, _)| i)
-    }
-
     /// The joints from pelvis to chest, both included; where the chest does not hang on the pelvis, from below their common joint.
     pub(super) fn spine(&self, pelvis: usize, chest: usize) -> Vec<usize> {
         let mut spine = vec![chest];

@@ -332,9 +332,13 @@ fn feet_stand_on_the_floor_of_the_scan_and_steps_scale_with_the_legs() {
 fn what_is_missing_of_a_person_is_named() {
     let model = person(0.0);
     let mut actor = Actor::like(&model, 1.0);
-    for name in &mut actor.names {
+    // An elbow and a knee without names, and arms too long for a person's form.
+    for (name, offset) in actor.names.iter_mut().zip(&mut actor.offsets) {
+        if name.contains("Arm") {
+            *offset *= 2.5;
+        }
         if name == "LeftForeArm" || name == "RightLeg" {
-            *name = "Thing".to_owned() + name.chars().next().map(|c| c.to_string()).as_deref().unwrap_or_default();
+            *name = format!("Thing {}", name.len());
         }
     }
     let error = bound(&model, &actor.capture(&Bend::default(), &exercise()), &Options::default()).unwrap_err();
@@ -381,4 +385,44 @@ fn mirrored_axes_are_undone() {
     let b = bound(&model, &mirrored, &Options { mirror: true, ..Options::default() }).unwrap();
     let far = a.handles.iter().map(|h| target(&a, 11, &h.label).distance(target(&b, 11, &h.label))).fold(0.0, f64::max);
     assert!(far < 1e-5, "{far}");
+}
+
+#[test]
+fn nameless_joints_are_told_by_their_form() {
+    let model = person(0.3);
+    let mut actor = Actor::like(&model, 1.0);
+    let named = actor.capture(&Bend::default(), &exercise());
+    for (j, name) in actor.names.iter_mut().enumerate() {
+        *name = format!("Bone.{j:03}");
+    }
+    let Motion::Skeleton(take) = named.motion.clone() else { unreachable!() };
+    let mut nameless = named.clone();
+    if let Motion::Skeleton(take) = &mut nameless.motion {
+        take.joints.iter_mut().zip(&actor.names).for_each(|(joint, name)| joint.name.clone_from(name));
+    }
+    let rig = |take| Rig { take, mirror: false };
+    let by_name = cast::by_names(&rig(&take), false).unwrap();
+    let Motion::Skeleton(take) = &nameless.motion else { unreachable!() };
+    let by_form = form::cast(&rig(take), false).unwrap();
+    assert_eq!(by_form.arms, by_name.arms);
+    assert_eq!(by_form.legs, by_name.legs);
+    assert_eq!((by_form.spine, by_form.neck, by_form.head), (by_name.spine, by_name.neck, by_name.head));
+    let binding = bound(&model, &nameless, &Options::default()).unwrap();
+    assert!(binding.notes.iter().any(|n| n.contains("the form of the skeleton tells")));
+}
+
+#[test]
+fn a_tree_that_is_no_person_is_no_cast() {
+    let model = person(0.3);
+    let mut actor = Actor::like(&model, 1.0);
+    // Arms as long as legs, and a neck like a horse's.
+    for (j, name) in MIXAMO.iter().enumerate() {
+        let stretch = if name.0.contains("Arm") || name.0 == "Neck" { 2.2 } else { 1.0 };
+        actor.offsets[j] *= stretch;
+        actor.names[j] = format!("Bone.{j:03}");
+    }
+    let capture = actor.capture(&Bend::default(), &exercise());
+    let Motion::Skeleton(take) = &capture.motion else { unreachable!() };
+    assert!(form::cast(&Rig { take, mirror: false }, false).is_none());
+    assert_eq!(bound(&model, &capture, &Options::default()).unwrap_err().exit_code(), 3);
 }

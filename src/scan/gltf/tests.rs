@@ -112,7 +112,7 @@ fn skinned_meshes_stand_as_their_joints_hold_them_at_rest() {
     let mut b = Builder::default();
     let points = b.floats(&SQUARE);
     let joints = b.accessor(5121, "VEC4", 4, [[0, 1, 0, 0]; 4].as_flattened().to_vec());
-    let weights = b.floats(&[[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.5, 0.5, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]);
+    let weights = b.floats(&[[0.25, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.5, 0.5, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]);
     let mut inverse = [[0.0f32; 16]; 2];
     inverse.iter_mut().for_each(|m| [0, 5, 10, 15].into_iter().for_each(|k| m[k] = 1.0));
     inverse[1][13] = -1.0;
@@ -266,7 +266,7 @@ fn vertices_that_seams_repeat_are_twins() {
     let mut b = Builder::default();
     let points = b.floats(&[SQUARE[0], SQUARE[1], SQUARE[2], SQUARE[2], SQUARE[0], SQUARE[3]]);
     let normals =
-        b.floats(&[[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, -0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+        b.floats(&[[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, -0.0, 1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]);
     let mesh = |attributes: Value| json!([{ "primitives": [{ "attributes": attributes }] }]);
     let nodes = json!([{ "mesh": 0 }, { "mesh": 0 }]);
     let scan = parse(&b.file(nodes.clone(), mesh(json!({ "POSITION": points, "NORMAL": normals })), json!({}))).unwrap();

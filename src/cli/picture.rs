@@ -1,0 +1,202 @@
+//! `--picture`: the scan from four sides, with what the binding found on it.
+
+use super::args::Animate;
+use super::decisions::{bind_line, file_name};
+use crate::binding::{Binding, Segment};
+use crate::capture::Capture;
+use crate::error::Result;
+use crate::export::files::Pending;
+use crate::picture::{self, CLAY, Colors, Mark, Shape, Sheet, Stroke, Surface, View};
+use crate::scan::Scan;
+use crate::spatial::PointTree;
+use glam::DVec3;
+use std::path::Path;
+
+/// Colours of what is left, right and in the middle of the body.
+const LEFT: [u8; 3] = [34, 96, 190];
+const RIGHT: [u8; 3] = [200, 62, 34];
+const MIDDLE: [u8; 3] = [30, 124, 84];
+const BONE: [u8; 3] = [90, 84, 110];
+/// Colour of skin by which parts are still joined that only touch.
+const DOUBTFUL: [u8; 3] = [236, 120, 20];
+/// Distance from such places up to which the skin is coloured, and where the colour has gone, in diagonals.
+const DOUBTFUL_REACH: [f64; 2] = [0.008, 0.02];
+/// Markers farther from their attachments than this, in diagonals, are not drawn: they would make the scan small.
+const FARTHEST: f64 = 0.6;
+
+/// What the picture is made from, all in the unit box.
+pub(super) struct Bound<'a> {
+    pub(super) scan: &'a Scan,
+    pub(super) points: &'a [DVec3],
+    pub(super) triangles: &'a [[u32; 3]],
+    pub(super) binding: &'a Binding,
+    /// The capture that holds the reference frame.
+    pub(super) reference: &'a Capture,
+    /// Places where the proxy joins parts that only touch.
+    pub(super) joined: &'a [DVec3],
+}
+
+/// Draws and writes the picture.
+///
+/// Errors: a file that cannot be written.
+pub(super) fn write(path: &Path, args: &Animate, bound: &Bound<'_>) -> Result<()> {
+    let bytes = draw(args, bound).png()?;
+    let mut file = Pending::create(path)?;
+    file.write(&bytes)?;
+    file.finish().map(drop)
+}
+
+fn draw(args: &Animate, bound: &Bound<'_>) -> picture::Picture {
+    let colors = colors(bound.points, bound.joined);
+    let colors = if bound.joined.is_empty() { Colors::Plain } else { Colors::PerVertex(&colors) };
+    let mut sheet = Sheet {
+        surfaces: vec![Surface { points: bound.points, triangles: bound.triangles, colors }],
+        views: views(bound),
+        heading: vec![format!("{} · {}", file_name(&args.scan), file_name(&args.capture)), bind_line(args, bound.binding)],
+        ..Sheet::default()
+    };
+    skeleton(bound.binding, &mut sheet);
+    let rings = markers(bound, &mut sheet);
+    let mut explain = |shape, color, words: &str| sheet.legend.push((shape, color, words.to_owned()));
+    if bound.binding.segments.is_empty() {
+        explain(Shape::Dot, MIDDLE, "attachment");
+    } else {
+        explain(Shape::Dot, LEFT, "attachment, left");
+        explain(Shape::Dot, RIGHT, "right");
+        explain(Shape::Dot, MIDDLE, "middle");
+        explain(Shape::Square, BONE, "joint of the scan");
+    }
+    if rings {
+        explain(Shape::Ring, MIDDLE, &format!("marker in frame {}", bound.binding.decisions.reference_frame));
+    }
+    if !bound.joined.is_empty() {
+        explain(Shape::Dot, DOUBTFUL, "parts that touch here still move together");
+    }
+    picture::draw(&sheet)
+}
+
+/// Front, left side, back and right side, as far as they are known.
+fn views(bound: &Bound<'_>) -> Vec<View> {
+    let (decisions, space) = (&bound.binding.decisions, &bound.scan.space);
+    let file_up = space.up.map(|up| up.value.vector());
+    let up = decisions.scan_up.map(|up| up.value).or(file_up).unwrap_or(DVec3::Y);
+    let usual = if up.y.abs() > 0.7 { DVec3::Z } else { -DVec3::Y };
+    let forward = decisions.scan_forward.or(space.forward).map_or(usual, |f| f.value);
+    let forward = (forward - up * forward.dot(up)).try_normalize().unwrap_or_else(|| up.any_orthonormal_vector());
+    let left = up.cross(forward);
+    [("front", forward), ("left side", left), ("back", -forward), ("right side", -left)]
+        .map(|(title, toward)| View { title: title.to_owned(), toward, up })
+        .into()
+}
+
+fn side(segment: Option<Segment>) -> [u8; 3] {
+    match segment.map(Segment::name) {
+        Some(name) if name.starts_with("left") => LEFT,
+        Some(name) if name.starts_with("right") => RIGHT,
+        _ => MIDDLE,
+    }
+}
+
+/// The joint at which a segment begins.
+fn joint(segment: Segment) -> Option<&'static str> {
+    use Segment::*;
+    Some(match segment {
+        Pelvis | Trunk => return None,
+        Head => "head",
+        LeftUpperArm | RightUpperArm => "shoulder",
+        LeftForearm | RightForearm => "elbow",
+        LeftHand | RightHand => "wrist",
+        LeftThigh | RightThigh => "hip",
+        LeftShank | RightShank => "knee",
+        LeftFoot | RightFoot => "ankle",
+    })
+}
+
+/// The bones of the scan, and its joints, which are named where they are on one side only once.
+fn skeleton(binding: &Binding, sheet: &mut Sheet<'_>) {
+    for place in &binding.segments {
+        sheet.strokes.push(Stroke { from: place.from, to: place.to, color: BONE, width: 2.0, opacity: 0.55 });
+        if let Some(name) = joint(place.segment) {
+            let name = if side(Some(place.segment)) == RIGHT { String::new() } else { name.to_owned() };
+            sheet.marks.push(Mark { at: place.from, name, color: BONE, shape: Shape::Square, through: true });
+        }
+    }
+}
+
+/// Attachments with their names, and the markers where they are in the reference frame. Whether there are any of these.
+fn markers(bound: &Bound<'_>, sheet: &mut Sheet<'_>) -> bool {
+    let take = bound.reference.motion.points();
+    let frame = usize::try_from(bound.binding.decisions.reference_frame - bound.reference.first_frame);
+    let mut any = false;
+    let mut dots = Vec::new();
+    let common = common_prefix(bound.binding.handles.iter().map(|h| h.label.as_str()));
+    for handle in &bound.binding.handles {
+        let color = side(handle.segment);
+        let marker = take.labels.iter().position(|label| *label == handle.label);
+        let there = frame.ok().filter(|f| *f < take.frames()).zip(marker).and_then(|(f, m)| take.point(f, m));
+        let there = there.map(|p| bound.binding.placement.apply(p)).filter(|p| p.distance(handle.attachment) < FARTHEST);
+        if let Some(there) = there {
+            sheet.strokes.push(Stroke { from: handle.attachment, to: there, color, width: 1.0, opacity: 0.5 });
+            sheet.marks.push(Mark { at: there, name: String::new(), color, shape: Shape::Ring, through: false });
+            any = true;
+        }
+        dots.push(Mark {
+            at: handle.attachment,
+            name: handle.label[common..].to_owned(),
+            color,
+            shape: Shape::Dot,
+            through: false,
+        });
+    }
+    sheet.marks.extend(dots);
+    any
+}
+
+/// Length of what all labels begin with, up to the last `_` or `:`; 0 where there is only one.
+fn common_prefix<'a>(mut labels: impl Iterator<Item = &'a str>) -> usize {
+    let Some(first) = labels.next() else { return 0 };
+    let mut common = None;
+    for label in labels {
+        let same = first.bytes().zip(label.bytes()).take_while(|(a, b)| a == b).count();
+        common = Some(common.unwrap_or(usize::MAX).min(same));
+    }
+    first.as_bytes()[..common.unwrap_or(0)].iter().rposition(|b| matches!(b, b'_' | b':')).map_or(0, |at| at + 1)
+}
+
+fn colors(points: &[DVec3], joined: &[DVec3]) -> Vec<[u8; 3]> {
+    if joined.is_empty() {
+        return Vec::new();
+    }
+    let (tree, mut found) = (PointTree::new(joined), Vec::new());
+    let [near, gone] = DOUBTFUL_REACH;
+    let color = |p: &DVec3| {
+        tree.nearest(*p, 1, &mut found);
+        let distance = found.first().map_or(f64::INFINITY, |n| n.distance);
+        let share = ((gone - distance) / (gone - near)).clamp(0.0, 1.0);
+        [0, 1, 2].map(|c| (f64::from(CLAY[c]) + (f64::from(DOUBTFUL[c]) - f64::from(CLAY[c])) * share).round() as u8)
+    };
+    points.iter().map(color).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_all_labels_begin_with_is_left_out() {
+        assert_eq!(common_prefix(["Skeleton_Head1", "Skeleton_Hip", "Skeleton_Head2"].into_iter()), 9);
+        assert_eq!(common_prefix(["walk:LASI", "walk:LASIS"].into_iter()), 5);
+        assert_eq!(common_prefix(["LFWT", "LFHD"].into_iter()), 0);
+        assert_eq!(common_prefix(["A_B"].into_iter()), 0);
+        assert_eq!(common_prefix(["Ä_x", "Ä_y"].into_iter()), 3);
+    }
+
+    #[test]
+    fn the_skin_is_coloured_at_doubtful_places_only() {
+        let points = [DVec3::ZERO, DVec3::X * 0.014, DVec3::X * 0.1];
+        let [at, near, far] = colors(&points, &[DVec3::Y * 0.001])[..] else { panic!("a colour for each point") };
+        assert_eq!((at, far), (DOUBTFUL, CLAY));
+        assert!(near[2] > DOUBTFUL[2] && near[2] < CLAY[2]);
+        assert!(colors(&points, &[]).is_empty());
+    }
+}
