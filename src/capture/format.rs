@@ -27,6 +27,8 @@ pub(super) enum Format {
     MarkerCsv,
     /// Table of handles.
     HandleCsv,
+    /// One of a sequence of meshes.
+    Meshes,
 }
 
 /// Bytes that are looked at.
@@ -67,6 +69,7 @@ fn of(head: &[u8], extension: &str) -> Format {
         "csv" | "tsv" if marker_csv::is_marker_table(text) => Format::MarkerCsv,
         "csv" => Format::HandleCsv,
         "tsv" => Format::MarkerCsv,
+        "obj" | "ply" | "stl" | "off" => Format::Meshes,
         _ => Format::C3d,
     }
 }
@@ -88,6 +91,7 @@ impl Format {
             Format::Trc | Format::MotiveCsv | Format::MarkerCsv => "is a table of markers".to_owned(),
             Format::HandleCsv => "is no table of markers".to_owned(),
             Format::C3d | Format::Bvh | Format::Acclaim | Format::Gltf => "cannot be read".to_owned(),
+            Format::Meshes => "is a mesh".to_owned(),
         };
         Error::new(Kind::Unsupported, what).expected("labelled markers: C3D, TRC or CSV").hint("export the markers as C3D")
     }

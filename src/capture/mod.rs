@@ -29,6 +29,7 @@ mod swaps;
 mod table;
 mod trc;
 mod turns;
+mod vertices;
 
 #[cfg(test)]
 #[path = "../../tests/common/c3d_writer.rs"]
@@ -43,6 +44,7 @@ mod tests;
 mod tests_of_tables;
 
 use crate::error::{Error, Notes, Result};
+use crate::scan::Faces;
 use crate::space::Space;
 use crate::words;
 use format::Format;
@@ -76,6 +78,7 @@ pub struct ReadOptions {
 /// Unreadable or broken files, formats that are not read yet, files with nothing to animate, a subject that is not there.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Capture> {
     let capture = match format::tell(path)? {
+        Format::Meshes => vertices::read(path, options.rate),
         Format::Acclaim => acclaim::open(path, options.skeleton.as_deref(), options.rate).map(|file| file.capture(path)),
         Format::C3d if !source::is_packed(path) => c3d::C3d::open(path).and_then(|file| assemble::c3d(file, path, options)),
         format => source::load(path).and_then(|bytes| parse(format, bytes, path, options)),
@@ -162,23 +165,25 @@ pub enum Motion {
     /// Joints with places and turns, inside of the body.
     Skeleton(SkeletonTake),
     /// Vertices of a captured surface.
-    Vertices(MarkerTake),
+    Vertices(VertexTake),
 }
 
 impl Motion {
     /// Trajectories of the points that move: markers, origins of joints, vertices.
     pub fn points(&self) -> &MarkerTake {
         match self {
-            Motion::Markers(take) | Motion::Vertices(take) => take,
+            Motion::Markers(take) => take,
             Motion::Skeleton(skeleton) => &skeleton.origins,
+            Motion::Vertices(surface) => &surface.points,
         }
     }
 
     /// As [`Motion::points`], to be changed.
     pub fn points_mut(&mut self) -> &mut MarkerTake {
         match self {
-            Motion::Markers(take) | Motion::Vertices(take) => take,
+            Motion::Markers(take) => take,
             Motion::Skeleton(skeleton) => &mut skeleton.origins,
+            Motion::Vertices(surface) => &mut surface.points,
         }
     }
 
@@ -266,6 +271,19 @@ pub struct Joint {
     pub rest_turn: DQuat,
     /// Whether it is only the end of a bone and has no turn of its own.
     pub end: bool,
+}
+
+/// Vertices of a captured surface: some of them, spread evenly.
+#[derive(Clone, Debug, Default)]
+pub struct VertexTake {
+    /// Their trajectories; any number of the first of them is spread over the whole surface.
+    pub points: MarkerTake,
+    /// Which vertices of the surface they are.
+    pub vertices: Vec<u32>,
+    /// Number of all vertices of the surface.
+    pub count: usize,
+    /// The faces over them.
+    pub faces: Faces,
 }
 
 /// Trajectories of labelled points, frame by frame.

@@ -457,7 +457,7 @@ fn bind(
     captures: &mut Captures,
 ) -> Result<Binding> {
     let tree = TriangleTree::new(points, triangles);
-    let shape = ScanShape { tree: &tree, unit_box, space: &scan.space };
+    let shape = ScanShape { tree: &tree, unit_box, space: &scan.space, mesh: Some(&scan.mesh) };
     let options = binding::Options {
         align: match args.align {
             Align::Auto => binding::Align::Auto,

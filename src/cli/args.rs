@@ -93,7 +93,7 @@ pub struct Animate {
     /// Weaken motion of the markers faster than this, without a shift in time (6 to 12 Hz for a person; default: off)
     #[arg(long, value_name = "HZ", value_parser = parse_positive, help_heading = "Time")]
     pub smooth: Option<f64>,
-    /// Frames per second where the capture does not say: tables of handles, tables of markers without times
+    /// Frames per second where the capture does not say: tables of handles, tables of markers without times, sequences of meshes
     #[arg(long, hide_short_help = true, value_name = "HZ", default_value_t = 30.0, value_parser = parse_positive, help_heading = "Time")]
     pub rate: f64,
 

@@ -8,6 +8,7 @@ mod form;
 mod grips;
 mod names;
 mod neutral;
+mod own;
 mod puppet;
 mod rig;
 mod stance;
@@ -155,6 +156,26 @@ pub(super) fn bind(
         turning: Turning::default(),
         notes,
     })
+}
+
+/// Binds a skeleton that lies in the scan at rest; `None` where it does not. `--align none` takes its word for it.
+pub(super) fn bind_own(
+    scan: &ScanShape<'_>,
+    body: Option<&Body>,
+    capture: &Capture,
+    take: &SkeletonTake,
+    options: &Options,
+) -> Option<Result<Binding>> {
+    let rig = Rig { take, mirror: options.mirror };
+    let factor = match (own::lies_in(scan, &rig, capture, options), options.align) {
+        (Some(factor), _) => factor,
+        (None, Align::None) => {
+            let unit = options.capture_unit.map(|u| Known::new(u, Evidence::User)).or(capture.space.unit);
+            options.scale.unwrap_or(1.0) * unit_factor(unit, scan_unit(scan, body, options))
+        }
+        _ => return None,
+    };
+    Some(own::bind(scan, body, capture, take, factor, options))
 }
 
 /// The parts of the joints and their lengths, or why this is no human skeleton.

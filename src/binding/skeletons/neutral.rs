@@ -118,9 +118,18 @@ pub(super) fn nearness_of(rig: &Rig<'_>, cast: &Cast, body: &Skeleton, frame: us
     nearness(rig, cast, body, Pose::Frame(frame))
 }
 
-/// The file's rest, where it shows a standing person: legs below the trunk, arms to the sides or down, elbows hardly bent.
+/// The file's rest, where it shows a standing person: legs below the trunk, arms to the sides or down, elbows hardly bent; and where
+/// hips and shoulders keep their directions against the pelvis and the chest in the frames, as they do unless turns are arbitrary.
 pub(super) fn rest(rig: &Rig<'_>, cast: &Cast, body: &Skeleton) -> Option<Nearness> {
     let near = nearness(rig, cast, body, Pose::Rest)?;
+    let [left, right] = cast.arms.map(|arm| arm.shoulder);
+    if drift(rig, cast.chest(), left, right)? > GIRDLE {
+        return None;
+    }
+    let [left, right] = cast.legs.map(|leg| leg.hip);
+    if drift(rig, cast.pelvis(), left, right)? > GIRDLE {
+        return None;
+    }
     let turn = body_turn(rig, cast, body, Pose::Rest)?;
     let (up, forward) = (turn * body.up, turn * body.forward);
     for side in 0..2 {
@@ -135,6 +144,18 @@ pub(super) fn rest(rig: &Rig<'_>, cast: &Cast, body: &Skeleton) -> Option<Nearne
         }
     }
     Some(near)
+}
+
+/// Angle in degrees by which the line of the shoulders or hips may typically leave its direction of the rest.
+const GIRDLE: f64 = 35.0;
+
+/// Median angle between the line from `right` to `left` in a joint's axes and the same at rest, in degrees.
+fn drift(rig: &Rig<'_>, joint: usize, left: usize, right: usize) -> Option<f64> {
+    let line = |pose: Pose| Some(rig.turn(pose, joint)?.inverse() * (rig.place(pose, left)? - rig.place(pose, right)?));
+    let rest = line(Pose::Rest)?;
+    let frames = rig.sample(SAMPLES).into_iter();
+    let mut angles: Vec<f64> = frames.filter_map(|f| Some(line(Pose::Frame(f))?.angle_between(rest).to_degrees())).collect();
+    quantile(&mut angles, 0.5)
 }
 
 impl Neutral {
