@@ -5,8 +5,14 @@ mod assemble;
 mod bvh;
 mod c3d;
 mod clean;
+mod clips;
+#[cfg(feature = "fbx")]
+mod fbx;
 mod format;
+#[cfg(any(test, fuzzing))]
+pub mod fuzz_skeletons;
 mod gaps;
+mod gltf;
 pub mod handles_csv;
 mod labels;
 mod marker_csv;
@@ -31,6 +37,8 @@ mod c3d_writer;
 #[cfg(test)]
 mod mutants;
 #[cfg(test)]
+mod skeleton_mutants;
+#[cfg(test)]
 mod tests;
 #[cfg(test)]
 mod tests_of_tables;
@@ -50,7 +58,7 @@ use std::path::{Path, PathBuf};
 pub struct ReadOptions {
     /// Subject by its label prefix; `None` takes the one with most markers.
     pub subject: Option<String>,
-    /// Frames per second where the file does not say; `None` assumes 100.
+    /// Frames per second where the file does not say; `None` assumes what is usual in its format.
     pub rate: Option<f64>,
     /// Takes the bones or rigid bodies of a file that holds markers too.
     pub bodies: bool,
@@ -71,7 +79,7 @@ pub struct ReadOptions {
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Capture> {
     let capture = match format::tell(path)? {
         Format::Meshes => vertices::read(path, options.rate),
-        Format::Acclaim => acclaim::open(path, options.skeleton.as_deref()).map(|file| file.capture(path)),
+        Format::Acclaim => acclaim::open(path, options.skeleton.as_deref(), options.rate).map(|file| file.capture(path)),
         Format::C3d if !source::is_packed(path) => c3d::C3d::open(path).and_then(|file| assemble::c3d(file, path, options)),
         format => source::load(path).and_then(|bytes| parse(format, bytes, path, options)),
     };
@@ -90,7 +98,10 @@ pub fn read_bytes(bytes: Vec<u8>, name: &Path, options: &ReadOptions) -> Result<
 fn parse(format: Format, bytes: Vec<u8>, path: &Path, options: &ReadOptions) -> Result<Capture> {
     match format {
         Format::C3d => assemble::c3d(c3d::C3d::parse(Cursor::new(bytes))?, path, options),
-        Format::Bvh => Ok(bvh::read(&bytes)?.capture(path)),
+        Format::Bvh => Ok(bvh::read(&bytes, options.rate)?.capture(path)),
+        Format::Gltf => Ok(gltf::read(&bytes, &crate::gltf::beside(path), options.clip.as_deref())?.capture(path)),
+        #[cfg(feature = "fbx")]
+        Format::Fbx => Ok(fbx::read(&bytes, options.clip.as_deref())?.capture(path)),
         Format::Trc => assemble::table(trc::read(&bytes, options)?, path, options),
         Format::MarkerCsv => assemble::table(marker_csv::read(&bytes, options)?, path, options),
         Format::MotiveCsv => match motive_csv::read(&bytes, options)? {

@@ -58,13 +58,25 @@ fn look(path: &Path, ascii: bool) -> Result<Found> {
     let length = file.read(&mut head).map_err(|e| Error::unreadable(path, &e))?;
     match &head[..length] {
         b"POINTCACHE2\0" => cache(path),
-        [b'g', b'l', b'T', b'F', ..] => binary_gltf(path),
+        [b'g', b'l', b'T', b'F', ..] => with_motion(binary_gltf(path), path, ascii),
         [b'P', b'K', 3, 4, ..] => mesh(path),
-        _ if [".obj", ".ply", ".stl", ".off", ".gltf", ".glb"].iter().any(|e| name.trim_end_matches(".gz").ends_with(e)) => {
-            mesh(path)
-        }
+        _ if [".gltf", ".glb"].iter().any(|e| name.trim_end_matches(".gz").ends_with(e)) => with_motion(mesh(path), path, ascii),
+        _ if [".obj", ".ply", ".stl", ".off"].iter().any(|e| name.trim_end_matches(".gz").ends_with(e)) => mesh(path),
         _ => takes::look(path, ascii),
     }
+}
+
+/// Adds the animation of joints that a glTF file holds, if any, to what else is in it.
+fn with_motion(found: Result<Found>, path: &Path, ascii: bool) -> Result<Found> {
+    let (mut found, motion) = match (found, takes::look(path, ascii)) {
+        (Ok(found), Ok(motion)) => (found, motion),
+        (found, Err(_)) => return found,
+        (Err(_), Ok(motion)) => return Ok(motion),
+    };
+    found.lines.extend(motion.lines);
+    found.value["capture"] = motion.value;
+    found.notes.extend(motion.notes);
+    Ok(found)
 }
 
 fn mesh(path: &Path) -> Result<Found> {
