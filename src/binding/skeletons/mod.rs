@@ -185,7 +185,7 @@ fn recognise(rig: &Rig<'_>, options: &Options, notes: &mut Notes) -> Result<(Cas
             .expected("a person's skeleton: pelvis, chest, and on both sides shoulder, elbow, wrist, hip, knee and ankle")
             .hint("a skeleton with the usual names (Hips, LeftArm, LeftForeArm, …); --align none when it lies in the scan")
     };
-    let cast = match cast::by_names(rig, options.swap_sides) {
+    let mut cast = match cast::by_names(rig, options.swap_sides) {
         Ok(cast) => cast,
         Err(missing) => {
             let missing = missing.join(", no ");
@@ -196,6 +196,9 @@ fn recognise(rig: &Rig<'_>, options: &Options, notes: &mut Notes) -> Result<(Cas
             cast
         }
     };
+    for side in 0..2 {
+        cast.legs[side].toe = neutral::pointing_toe(rig, &cast, side);
+    }
     let lengths = Lengths::of(rig, &cast).ok_or_else(|| refusal("no frame shows all joints of the limbs".to_owned()))?;
     let shortest =
         [lengths.thigh, lengths.shank, lengths.upper_arm, lengths.forearm, lengths.torso].into_iter().fold(f64::MAX, f64::min);

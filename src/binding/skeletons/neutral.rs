@@ -74,6 +74,25 @@ fn leg(rig: &Rig<'_>, cast: &Cast, pose: Pose, side: usize) -> Option<[Option<DV
     Some([(k - h).try_normalize(), (a - k).try_normalize(), foot.and_then(DVec3::try_normalize)])
 }
 
+/// Least angle in degrees between shank and foot that tells where the foot points.
+const POINTING: f64 = 30.0;
+
+/// The first joint from the cast's toe on that lies in front of the ankle and not under it, as stubs on the floor do.
+pub(super) fn pointing_toe(rig: &Rig<'_>, cast: &Cast, side: usize) -> Option<usize> {
+    let leg = &cast.legs[side];
+    let points = |toe: usize| {
+        let angle = |frame: usize| {
+            let [k, a, t] = [leg.knee, leg.ankle, toe].map(|j| rig.place(Pose::Frame(frame), j));
+            let (shank, foot) = (a? - k?, t? - a?);
+            (foot.length() > 0.05 * shank.length()).then(|| foot.angle_between(shank).to_degrees())
+        };
+        let mut angles: Vec<f64> = rig.sample(60).into_iter().filter_map(angle).collect();
+        quantile(&mut angles, 0.5).is_some_and(|angle| angle > POINTING)
+    };
+    let onward = |&toe: &usize| rig.take.joints.iter().position(|j| j.parent == Some(toe));
+    std::iter::successors(leg.toe, onward).find(|&toe| points(toe))
+}
+
 /// From the scan's rest to the capture's body in a pose. `up` of the capture is for bodies that stand; of others the trunk tells.
 fn body_turn(rig: &Rig<'_>, cast: &Cast, body: &Skeleton, pose: Pose) -> Option<DQuat> {
     let trunk = (shoulders(rig, cast, pose)? - hips(rig, cast, pose)?).try_normalize()?;

@@ -257,6 +257,27 @@ fn a_rest_whose_turns_mean_nothing_is_not_used() {
 }
 
 #[test]
+fn a_stub_under_the_ankle_is_no_toe() {
+    let model = person(0.4);
+    let mut actor = Actor::like(&model, 1.0);
+    for name in ["LeftToeBase", "RightToeBase"] {
+        let toe = actor.names.iter().position(|n| n == name).unwrap();
+        let forward = std::mem::replace(&mut actor.offsets[toe], DVec3::Y * -0.07);
+        actor.names.push(format!("{name}_End"));
+        actor.parents.push(Some(toe));
+        actor.offsets.push(forward - actor.offsets[toe]);
+        actor.axes.push(DQuat::IDENTITY);
+    }
+    let capture = actor.capture(&Bend::default(), &exercise());
+    let binding = bound(&model, &capture, &Options { yaw: Some(0.0), ..Options::default() }).unwrap();
+    // The first frame is the model's own pose: the toes are where they are at rest.
+    for label in ["left toes 85 out", "right toes 85 in", "left foot 0 back"] {
+        let moved = target(&binding, 0, label) - attachment(&binding, label);
+        assert!(moved.length() < 1e-3 * model.body.stature, "{label}: {moved}");
+    }
+}
+
+#[test]
 fn hips_in_one_point_are_a_link_more() {
     let model = person(0.4);
     let mut actor = Actor::like(&model, 1.0);
