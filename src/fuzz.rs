@@ -12,4 +12,14 @@ pub const BODIES: &[(&str, Body)] = &[
     ("scan_off", crate::scan::fuzz::off),
     ("scan_gltf", crate::scan::fuzz::gltf),
     ("scan_packed", crate::scan::fuzz::packed),
+    ("take_bvh", crate::capture::fuzz_skeletons::bvh),
+    ("take_acclaim", crate::capture::fuzz_skeletons::acclaim),
+    ("take_gltf", crate::capture::fuzz_skeletons::gltf),
+    #[cfg(feature = "fbx")]
+    ("take_fbx", crate::capture::fuzz_skeletons::fbx),
+    ("capture_bvh", crate::capture::fuzz_skeletons::bvh),
+    ("capture_acclaim", crate::capture::fuzz_skeletons::acclaim),
+    ("capture_gltf", crate::capture::fuzz_skeletons::gltf),
+    #[cfg(feature = "fbx")]
+    ("capture_fbx", crate::capture::fuzz_skeletons::fbx),
 ];

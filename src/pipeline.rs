@@ -320,9 +320,7 @@ impl<'a> Solver<'a> {
     fn solve(&mut self, frame: usize) -> Result<FrameMeasure> {
         self.job.header.cancel.check()?;
         let start = Instant::now();
-        let markers = self.job.take.markers();
-        let points = &self.job.take.points[frame * markers..(frame + 1) * markers];
-        self.job.binding.targets(points, &mut self.targets.positions, &mut self.present);
+        self.job.binding.targets(self.job.take, frame, &mut self.targets.positions, &mut self.present);
         self.fade();
         let places = if self.job.oriented.is_empty() { &[] } else { self.job.binding.turning.frame(frame) };
         let placements = self.oriented.place(places, self.job.deformer.pose(), self.cold);

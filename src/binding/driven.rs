@@ -11,6 +11,7 @@ use super::similarity::Similarity;
 use super::{Align, Binding, BoundMarker, Decisions, Options, ScanShape, Segment, SegmentPlace};
 use crate::capture::Capture;
 use crate::capture::handles_csv::HandleTable;
+use crate::capture::resample::Sampling;
 use crate::error::{Error, Kind, Notes, Result};
 use crate::space::{Evidence, Known};
 use glam::{DQuat, DVec3};
@@ -55,6 +56,18 @@ impl Turning {
     /// Places of all handles in one frame.
     pub fn frame(&self, frame: usize) -> &[Option<Place>] {
         &self.places[frame * self.handles.len()..(frame + 1) * self.handles.len()]
+    }
+
+    /// Brings the places to other frames.
+    pub(super) fn resample(&mut self, sampling: &Sampling) {
+        let count = self.handles.len();
+        let old = |frame: usize, handle: usize| self.places.get(frame * count + handle).copied().flatten();
+        let new = (0..sampling.frames()).flat_map(|frame| (0..count).map(move |handle| (frame, handle)));
+        let places = new.map(|(frame, handle)| {
+            let position = sampling.point(frame, |f| old(f, handle).map(|p| p.position))?;
+            Some(Place { position, turn: sampling.turn(frame, |f| old(f, handle).map(|p| p.turn))? })
+        });
+        self.places = places.collect();
     }
 
     /// Adds handles with their places in as many frames, one handle after the other.
@@ -207,7 +220,7 @@ pub fn add_handles(
         all.extend_from_slice(&take.points[frame * old..(frame + 1) * old]);
         all.extend(points.iter().map(|&h| {
             let place = cell(frame, h).map_or(DVec3::NAN, |(position, _)| position);
-            binding.placement.undo(place).to_array().map(|x| x as f32)
+            take.stored(binding.placement.undo(place))
         }));
     }
     take.points = all;

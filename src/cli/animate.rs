@@ -13,7 +13,8 @@ use crate::binding::regions::Subject;
 use crate::binding::select::Hold;
 use crate::binding::{self, Binding, Regions, Rules, ScanShape, driven, landmarks};
 use crate::capture::handles_csv::HandleTable;
-use crate::capture::{self, Capture, ReadOptions};
+use crate::capture::resample::Sampling;
+use crate::capture::{self, Capture, ReadOptions, smooth};
 use crate::deform::volumetric::{Options, Volumetric};
 use crate::deform::{Grip, Handle, OrientedHandle};
 use crate::error::{Error, Kind, Notes, Result};
@@ -76,6 +77,10 @@ impl Setup {
         let (scan, mut captures) = (scan?, captures?);
         clock.lap("read");
         cancel.check()?;
+        if let Some(hertz) = args.smooth {
+            let capture = &mut captures.capture;
+            smooth::low_pass(&mut capture.motion, capture.rate, hertz).map_err(|e| e.file(&args.capture))?;
+        }
         let range = pipeline::select(captures.capture.first_frame, captures.frames(), args.frames)?;
 
         let unit_box = UnitBox::of(&scan.mesh).ok_or_else(|| {
@@ -87,8 +92,8 @@ impl Setup {
             || body(args, &scan, unit_box, &points, &triangles, cancel),
             || bind(args, &scan, unit_box, &points, &triangles, &mut captures),
         );
-        let binding = bound?;
-        let (capture, reference) = (captures.capture, captures.reference);
+        let mut binding = bound?;
+        let (mut capture, reference) = (captures.capture, captures.reference);
         console.station("scan", &scan_line(args, &scan, &binding));
         console.station("capture", &capture_line(args, &capture, &binding));
         console.station("bind", &bind_line(args, &binding));
@@ -114,6 +119,7 @@ impl Setup {
             console.station("picture", &path.display().to_string());
             clock.lap("picture");
         }
+        let range = resample(args, &mut capture, &mut binding, range)?;
         cancel.check()?;
 
         let (mut proxy, mut handles, mut oriented, mut regions) = (proxy, Vec::new(), Vec::new(), Regions::default());
@@ -311,12 +317,20 @@ impl Captures {
     }
 }
 
+/// Whether the capture is a table of handles.
 pub(super) fn is_table(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"))
+    capture::is_handle_table(path)
 }
 
 fn read_captures(args: &Animate) -> Result<Captures> {
-    let options = ReadOptions { subject: args.subject.clone(), clip: args.clip.clone(), skeleton: args.skeleton.clone() };
+    let options = ReadOptions {
+        subject: args.subject.clone(),
+        rate: Some(args.rate),
+        clip: args.clip.clone(),
+        skeleton: args.skeleton.clone(),
+        bodies: args.bodies,
+        as_found: false,
+    };
     let mut tables = Vec::new();
     let capture = if is_table(&args.capture) {
         let table = HandleTable::read(&args.capture)?;
@@ -347,6 +361,24 @@ fn rules(args: &Animate, binding: &Binding) -> Rules {
     args.stiffness.iter().for_each(|rule| rules.stiffness(rule.clone()));
     args.rigid.iter().for_each(|what| rules.rigid(what.clone()));
     rules
+}
+
+/// The capture at `--fps`, cut to the frames that are written and those that lead into them; the first one written keeps its number.
+fn resample(args: &Animate, capture: &mut Capture, binding: &mut Binding, range: Range<usize>) -> Result<Range<usize>> {
+    /// Positions that a take may have.
+    const MOST: usize = 1 << 30;
+    let Some(rate) = args.fps else { return Ok(range) };
+    let first = capture.first_frame + range.start as i64;
+    let (sampling, lead) = Sampling::new(range, pipeline::PRE_ROLL, capture.rate, rate);
+    let points = binding.take(capture).markers() + binding.turning.handles.len();
+    if sampling.frames().saturating_mul(points) > MOST {
+        return Err(Error::new(Kind::Usage, format!("--fps {rate} makes {} frames", words::count(sampling.frames())))
+            .expected("fewer frames per second, or a shorter range of frames"));
+    }
+    capture.motion = sampling.motion(&capture.motion);
+    binding.resample(&sampling);
+    (capture.rate, capture.first_frame) = (rate, first - lead as i64);
+    Ok(lead..sampling.frames())
 }
 
 /// The static trial; one of a single person may not name the subject.
@@ -425,7 +457,7 @@ fn bind(
     captures: &mut Captures,
 ) -> Result<Binding> {
     let tree = TriangleTree::new(points, triangles);
-    let shape = ScanShape { tree: &tree, unit_box, space: &scan.space };
+    let shape = ScanShape { tree: &tree, unit_box, space: &scan.space, mesh: Some(&scan.mesh) };
     let options = binding::Options {
         align: match args.align {
             Align::Auto => binding::Align::Auto,

@@ -37,12 +37,15 @@ pub enum Command {
 /// Arguments of `retarget inspect`.
 #[derive(Debug, Args)]
 pub struct Inspect {
-    /// Scans (OBJ, PLY, STL, OFF, glTF, GLB, also .gz and .zip), captures (C3D), outputs (GLB, PC2)
+    /// Scans (OBJ, PLY, STL, OFF, glTF, GLB, also .gz and .zip), captures (C3D, TRC, CSV, BVH, ASF/AMC, glTF, FBX), outputs (GLB, PC2)
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Print JSON, one object per file, for programs
     #[arg(long)]
     pub json: bool,
+    /// Draw bars without block characters
+    #[arg(long)]
+    pub ascii: bool,
 }
 
 /// Arguments of the main job.
@@ -50,7 +53,7 @@ pub struct Inspect {
 pub struct Animate {
     /// The mesh to animate: OBJ, PLY, STL, OFF, glTF or GLB (also .gz and .zip)
     pub scan: PathBuf,
-    /// The motion: C3D markers, or a table of handles (see --handles) in a .csv file
+    /// The motion: markers in C3D, TRC or CSV (also .gz), or a table of handles (see --handles) in a .csv file
     pub capture: PathBuf,
     /// What to write; the extension is the format: .glb, .pc2, or .ply/.obj with a run of # for the frame number (repeatable)
     #[arg(short, long = "out", value_name = "FILE", required = true)]
@@ -83,7 +86,14 @@ pub struct Animate {
     #[arg(long, value_name = "A..B", value_parser = parse_frames, help_heading = "Time", allow_hyphen_values = true)]
     pub frames: Option<(i64, i64)>,
 
-    /// Frames per second where the capture is a table of handles
+    /// Write so many frames per second: positions are interpolated by cubics between the frames of the capture. Frames are counted on from the
+    /// first one, which keeps its number; --frames and --ref stay in the capture's own numbering
+    #[arg(long, value_name = "N", value_parser = parse_rate, help_heading = "Time")]
+    pub fps: Option<f64>,
+    /// Weaken motion of the markers faster than this, without a shift in time (6 to 12 Hz for a person; default: off)
+    #[arg(long, value_name = "HZ", value_parser = parse_positive, help_heading = "Time")]
+    pub smooth: Option<f64>,
+    /// Frames per second where the capture does not say: tables of handles, tables of markers without times, sequences of meshes
     #[arg(long, hide_short_help = true, value_name = "HZ", default_value_t = 30.0, value_parser = parse_positive, help_heading = "Time")]
     pub rate: f64,
 
@@ -96,6 +106,9 @@ pub struct Animate {
     /// A static trial of the same markers to take the reference frame from
     #[arg(long, value_name = "FILE.c3d", help_heading = "Placement")]
     pub ref_file: Option<PathBuf>,
+    /// Take the bones or rigid bodies of a capture that holds markers too (Motive's CSV, rotations in C3D)
+    #[arg(long, hide_short_help = true, help_heading = "Placement")]
+    pub bodies: bool,
     /// Which subject, where the capture holds several
     #[arg(long, hide_short_help = true, value_name = "NAME", help_heading = "Placement")]
     pub subject: Option<String>,
@@ -255,6 +268,13 @@ fn parse_frames(text: &str) -> Result<(i64, i64), String> {
 
 fn parse_finite(text: &str) -> Result<f64, String> {
     text.parse::<f64>().ok().filter(|x| x.is_finite()).ok_or_else(|| "expected a number".into())
+}
+
+fn parse_rate(text: &str) -> Result<f64, String> {
+    parse_positive(text)
+        .ok()
+        .filter(|r| (0.01..=1000.0).contains(r))
+        .ok_or_else(|| "expected 0.01 to 1000 frames per second".into())
 }
 
 fn parse_positive(text: &str) -> Result<f64, String> {

@@ -48,6 +48,8 @@ pub(super) fn capture_line(args: &Animate, capture: &Capture, binding: &Binding)
         capture_counts(capture, binding, is_table(&args.capture)),
         binding.decisions.capture_words(),
         capture.cleaning.to_string(),
+        args.smooth.map_or_else(String::new, |hz| format!("smoothed at {} Hz", words::digits(hz))),
+        args.fps.map_or_else(String::new, |fps| format!("resampled to {} Hz", words::digits(fps))),
     ];
     parts.retain(|p| !p.is_empty());
     format!("{}  {}", file_name(&args.capture), parts.join(" · "))
@@ -110,6 +112,8 @@ pub(super) fn binding_json(binding: &Binding, unit_box: UnitBox) -> Value {
     json!({
         "align": d.align.to_string(),
         "on_skin": d.on_skin,
+        "reference_is_rest": d.reference_rest,
+        "points": d.noun,
         "reference_frame": d.reference_frame,
         "reference_capture": d.reference_capture,
         "scale": d.scale,
