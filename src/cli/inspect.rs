@@ -58,12 +58,26 @@ fn look(path: &Path, ascii: bool) -> Result<Found> {
     let length = file.read(&mut head).map_err(|e| Error::unreadable(path, &e))?;
     match &head[..length] {
         b"POINTCACHE2\0" => cache(path),
-        [b'g', b'l', b'T', b'F', ..] => with_motion(binary_gltf(path), path, ascii),
+        [b'g', b'l', b'T', b'F', ..] => with_motion(binary_gltf(path).map(|found| with_mesh(found, path)), path, ascii),
         [b'P', b'K', 3, 4, ..] => mesh(path),
         _ if [".gltf", ".glb"].iter().any(|e| name.trim_end_matches(".gz").ends_with(e)) => with_motion(mesh(path), path, ascii),
         _ if [".obj", ".ply", ".stl", ".off"].iter().any(|e| name.trim_end_matches(".gz").ends_with(e)) => mesh(path),
         _ => takes::look(path, ascii),
     }
+}
+
+/// Adds what a glTF file is as a scan, if it is one.
+fn with_mesh(mut found: Found, path: &Path) -> Found {
+    if let Ok(mesh) = mesh(path) {
+        for (key, value) in mesh.value.as_object().into_iter().flatten() {
+            if found.value[key].is_null() {
+                found.value[key] = value.clone();
+            }
+        }
+        found.lines.extend(mesh.lines);
+        found.notes.extend(mesh.notes);
+    }
+    found
 }
 
 /// Adds the animation of joints that a glTF file holds, if any, to what else is in it.
