@@ -49,6 +49,8 @@ pub mod cli;
 pub mod deform;
 pub mod error;
 pub mod export;
+#[cfg(any(test, fuzzing))]
+pub mod fuzz;
 mod gltf;
 pub mod linalg;
 pub mod picture;

@@ -2,14 +2,17 @@
 //!
 //! Stages pass batches of eight frames through bounded channels; the batches are reused, so memory does not grow with the take.
 
+mod oriented;
+
 use crate::binding::Binding;
 use crate::capture::MarkerTake;
-use crate::deform::{Deformer, Handle, Targets};
+use crate::deform::{Deformer, Handle, OrientedHandle, Targets};
 use crate::error::{Error, Kind, Result};
 use crate::export::{FrameBatch, FrameSink, Header, Needs, Written};
 use crate::report::{FrameMeasure, ReportWriter, Residual, Spread};
 use crate::surface::NormalVertices;
 use glam::DVec3;
+use oriented::OrientedTargets;
 use std::ops::Range;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -23,6 +26,12 @@ pub const PRE_ROLL: usize = 8;
 
 /// Frames over which a returning marker regains its full pull.
 const FADE: f64 = 5.0;
+
+/// The pull of a handle that had the pull `held` in the frame before: one that is missing lets go at once, one that returns regains it over a few
+/// frames.
+fn faded(held: f64, present: bool) -> f64 {
+    if present { (held + 1.0 / FADE).min(1.0) } else { 0.0 }
+}
 
 /// Everything that a run needs, set up.
 pub struct Job<'a> {
@@ -38,6 +47,8 @@ pub struct Job<'a> {
     pub binding: &'a Binding,
     /// The handles, in the binding's order.
     pub handles: &'a [Handle],
+    /// The oriented handles, in the order of the binding's turning ones.
+    pub oriented: &'a [OrientedHandle],
     /// The bound deformer.
     pub deformer: Box<dyn Deformer>,
     /// Where frames go.
@@ -61,7 +72,7 @@ pub struct Outcome {
     pub frames: usize,
     /// Distances of handles to targets over the take, in millimetres (the scan's unit where unknown).
     pub residuals: Spread,
-    /// The worst of them: distance, handle, frame in the capture's own numbering.
+    /// The worst of them: distance, handle (oriented ones are counted after the others), frame in the capture's own numbering.
     pub worst: Option<(f64, usize, i64)>,
     /// Least and largest volume ratio.
     pub volume: (f64, f64),
@@ -161,7 +172,7 @@ pub fn run(mut job: Job<'_>, progress: &(dyn Fn(Progress) + Sync)) -> Result<Out
     let mut writer = Writer {
         sinks: std::mem::take(&mut job.sinks),
         report: job.report.take(),
-        names: job.handles.iter().map(|h| h.name.clone()).collect(),
+        names: job.handles.iter().map(|h| h.name.clone()).chain(job.oriented.iter().map(|h| h.name.clone())).collect(),
         map_ms: 0.0,
         write_ms: 0.0,
     };
@@ -245,11 +256,14 @@ fn overlapped(solver: &mut Solver<'_>, mapper: &Mapper, writer: &mut Writer) -> 
 /// First stage: markers → targets → proxy poses.
 struct Solver<'a> {
     job: Job<'a>,
+    oriented: OrientedTargets,
     progress: &'a (dyn Fn(Progress) + Sync),
     next: usize,
     targets: Targets,
     present: Vec<bool>,
     presence: Vec<f64>,
+    /// Before the first frame.
+    cold: bool,
     distances: Vec<f64>,
     outcome: Outcome,
 }
@@ -262,7 +276,9 @@ impl<'a> Solver<'a> {
             targets: Targets { positions: vec![DVec3::ZERO; handles], presence: vec![0.0; handles] },
             present: vec![false; handles],
             presence: Vec::with_capacity(handles),
-            distances: Vec::with_capacity(handles),
+            cold: true,
+            distances: Vec::with_capacity(handles + job.oriented.len()),
+            oriented: OrientedTargets::new(job.oriented, &job.header.proxy.rest),
             outcome: Outcome { volume: (f64::INFINITY, f64::NEG_INFINITY), ..Outcome::default() },
             progress,
             job,
@@ -304,12 +320,16 @@ impl<'a> Solver<'a> {
     fn solve(&mut self, frame: usize) -> Result<FrameMeasure> {
         self.job.header.cancel.check()?;
         let start = Instant::now();
-        let markers = self.job.take.markers();
-        let points = &self.job.take.points[frame * markers..(frame + 1) * markers];
-        self.job.binding.targets(points, &mut self.targets.positions, &mut self.present);
-        let cold = self.presence.is_empty();
+        self.job.binding.targets(self.job.take, frame, &mut self.targets.positions, &mut self.present);
         self.fade();
-        let stats = if cold { self.job.deformer.start(&self.targets)? } else { self.job.deformer.step(&self.targets)? };
+        let places = if self.job.oriented.is_empty() { &[] } else { self.job.binding.turning.frame(frame) };
+        let placements = self.oriented.place(places, self.job.deformer.pose(), self.cold);
+        self.job.deformer.place(placements)?;
+        let stats = if std::mem::take(&mut self.cold) {
+            self.job.deformer.start(&self.targets)?
+        } else {
+            self.job.deformer.step(&self.targets)?
+        };
         let solve_ms = start.elapsed().as_secs_f64() * 1e3;
         let residual = self.residual();
         Ok(FrameMeasure { frame: self.job.first_frame + frame as i64, stats, residual, solve_ms })
@@ -317,11 +337,11 @@ impl<'a> Solver<'a> {
 
     /// A marker that is missing lets go at once; one that returns regains its pull and its place over a few frames.
     fn fade(&mut self) {
-        if self.presence.is_empty() {
+        if self.cold {
             self.presence.extend(self.present.iter().map(|&p| f64::from(u8::from(p))));
         } else {
             for (held, &present) in self.presence.iter_mut().zip(&self.present) {
-                *held = if present { (*held + 1.0 / FADE).min(1.0) } else { 0.0 };
+                *held = faded(*held, present);
             }
         }
         self.targets.presence.copy_from_slice(&self.presence);
@@ -348,6 +368,14 @@ impl<'a> Solver<'a> {
                 }
                 self.distances.push(distance);
             }
+        }
+        for (h, distance) in self.oriented.distances(pose) {
+            let (h, distance) = (self.job.handles.len() + h, distance * millimetres);
+            if residual.worst.is_none() || distance > residual.max {
+                residual.max = distance;
+                residual.worst = Some(h);
+            }
+            self.distances.push(distance);
         }
         self.distances.sort_unstable_by(f64::total_cmp);
         if let Some(&median) = self.distances.get(self.distances.len() / 2) {

@@ -19,6 +19,11 @@ pub enum Unit {
     Inch,
     /// 0.3048 m
     Foot,
+    /// Any other length, as the files of some programs have it.
+    Other {
+        /// The length.
+        nanometres: u64,
+    },
 }
 
 impl Unit {
@@ -31,13 +36,22 @@ impl Unit {
             Unit::Metre => 1.0,
             Unit::Inch => 0.0254,
             Unit::Foot => 0.3048,
+            Unit::Other { nanometres } => nanometres as f64 * 1e-9,
         }
+    }
+
+    /// The unit of this length, `None` for lengths below a micrometre and above a thousand kilometres.
+    pub fn of_metres(metres: f64) -> Option<Self> {
+        let named = [Unit::Millimetre, Unit::Centimetre, Unit::Decimetre, Unit::Metre, Unit::Inch, Unit::Foot];
+        let named = named.into_iter().find(|u| (metres / u.metres() - 1.0).abs() < 1e-6);
+        named.or_else(|| (1e-6..1e6).contains(&metres).then(|| Unit::Other { nanometres: (metres * 1e9).round() as u64 }))
     }
 }
 
 impl fmt::Display for Unit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
+            Unit::Other { nanometres } => return write!(f, "units of {} mm", (*nanometres as f64 * 1e-3).round() * 1e-3),
             Unit::Millimetre => "mm",
             Unit::Centimetre => "cm",
             Unit::Decimetre => "dm",

@@ -45,6 +45,11 @@ pub(crate) fn seconds(s: f64) -> String {
     if s < 59.95 { format!("{s:.1} s") } else { format!("{} min {:02} s", whole / 60, whole % 60) }
 }
 
+/// A short duration: `8 ms`, `0.94 s`, `12.3 s`.
+pub(crate) fn seconds_short(s: f64) -> String {
+    if s < 0.1 { format!("{:.0} ms", s * 1000.0) } else { format!("{} s", digits(s)) }
+}
+
 /// A size in bytes: `11 MB`, `512 kB`.
 pub(crate) fn bytes(n: u64) -> String {
     match n {
@@ -72,6 +77,7 @@ mod tests {
         assert_eq!(digits(1234.5), "1234");
         assert_eq!(length(0.0312), "31.2 mm");
         assert_eq!(length(1.776), "1.78 m");
+        assert_eq!((seconds_short(0.0083), seconds_short(0.94)), ("8 ms".into(), "0.94 s".into()));
         assert_eq!(seconds(125.0), "2 min 05 s");
         assert_eq!(seconds(119.7), "2 min 00 s");
         assert_eq!(bytes(11_400_000), "11.4 MB");

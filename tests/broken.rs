@@ -338,7 +338,7 @@ fn captures() -> Vec<(&'static str, Vec<u8>, Expect)> {
             with(&|f| f.labels.iter_mut().enumerate().for_each(|(i, l)| *l = format!("{}:{l}", ["A", "B"][usize::from(i > 3)]))),
             Works(&["--subject"]),
         ),
-        ("table.trc", b"PathFileType\t4\t(X/Y/Z)\ta.trc\n".to_vec(), Refused(&["C3D"])),
+        ("table.trc", b"PathFileType\t4\t(X/Y/Z)\ta.trc\n".to_vec(), Refused(&["marker names", "line 1", "TRC"])),
         ("skeleton.bvh", b"HIERARCHY\nROOT Hips\n".to_vec(), Refused(&["MOTION"])),
     ]
 }

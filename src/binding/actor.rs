@@ -1,9 +1,10 @@
 //! What a marker take says of its own space: up, unit, facing, sides.
 
-use super::labels::{Names, Part, Place};
+use super::labels::{self, Names, Part, Place};
 use super::segments::Side;
 use super::track::Track;
 use super::{Options, refuse};
+use crate::capture::Capture;
 use crate::error::{Error, Notes, Result};
 use crate::space::{Axis, Evidence, Known, Space, Unit};
 use glam::DVec3;
@@ -19,6 +20,32 @@ pub(crate) struct Actor {
     pub sides: Option<f64>,
     /// Share of facing votes that agree with their mean.
     pub facing_agreement: f64,
+}
+
+/// What the markers of a capture say of their space, and by what.
+#[derive(Clone, Debug)]
+pub struct ActorSpace {
+    /// Unit and up axis.
+    pub space: Space,
+    /// Height of the person in the capture's unit, where the markers show one.
+    pub stature: Option<f64>,
+    /// What was doubtful.
+    pub notes: Notes,
+}
+
+/// Reads unit and up axis of a capture off its file and its markers, as the binding does.
+pub fn actor_space(capture: &Capture) -> ActorSpace {
+    let options = Options { accept_doubtful: true, ..Options::default() };
+    let take = capture.motion.points();
+    let track = Track { take, mirror: false };
+    let names = labels::name(&take.labels, &track.coverage(), false);
+    let mut notes = Notes::default();
+    let mut space = capture.space.clone();
+    let actor = if names.iter().next().is_some() { read(&track, &names, &space, &options, &mut notes).ok() } else { None };
+    if let Some(actor) = &actor {
+        (space.up, space.unit) = (Some(actor.up), actor.unit.or(space.unit));
+    }
+    ActorSpace { space, stature: actor.and_then(|a| a.stature), notes }
 }
 
 /// Shares of stature by landmark, surest first.

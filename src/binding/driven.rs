@@ -1,14 +1,17 @@
 //! Handles from a table: they rest where they are in their first frame, and go where the table says.
 //!
-//! A handle with an orientation holds the scan by four points that move with it, its own and the ends of three axes.
+//! A handle without an orientation is a point like a marker. One with an orientation, or one that holds a part of the scan, moves and turns what it
+//! holds; see [`super::grips`].
 
 use super::bind::scan_unit;
 use super::landmarks::Body;
 use super::segments::Skeleton;
+use super::select::Hold;
 use super::similarity::Similarity;
 use super::{Align, Binding, BoundMarker, Decisions, Options, ScanShape, Segment, SegmentPlace};
 use crate::capture::Capture;
 use crate::capture::handles_csv::HandleTable;
+use crate::capture::resample::Sampling;
 use crate::error::{Error, Kind, Notes, Result};
 use crate::space::{Evidence, Known};
 use glam::{DQuat, DVec3};
@@ -17,10 +20,68 @@ use glam::{DQuat, DVec3};
 const ELSEWHERE: f64 = 0.5;
 /// The same beyond which a handle moves the scan like a long lever.
 const LEVER: f64 = 0.1;
-/// Hardness of the points by which a turning handle holds the scan: they work on short levers.
-const TURNING: f64 = 100.0;
-/// Length of the axes by which a turning handle holds the scan, in diagonals.
-const AXES: f64 = 0.07;
+/// A handle that moves and turns what it holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TurningHandle {
+    /// Its name.
+    pub name: String,
+    /// Where it is at rest, in the unit box.
+    pub rest: DVec3,
+}
+
+/// Where a handle is in a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    /// In the unit box.
+    pub position: DVec3,
+    /// From rest.
+    pub turn: DQuat,
+}
+
+/// Handles that turn, and where they are in every frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Turning {
+    /// The handles.
+    pub handles: Vec<TurningHandle>,
+    /// Frame-major places, `frames × handles`; `None` where a handle is missing.
+    pub places: Vec<Option<Place>>,
+}
+
+impl Turning {
+    /// Number of frames.
+    pub fn frames(&self) -> usize {
+        self.places.len() / self.handles.len().max(1)
+    }
+
+    /// Places of all handles in one frame.
+    pub fn frame(&self, frame: usize) -> &[Option<Place>] {
+        &self.places[frame * self.handles.len()..(frame + 1) * self.handles.len()]
+    }
+
+    /// Brings the places to other frames.
+    pub(super) fn resample(&mut self, sampling: &Sampling) {
+        let count = self.handles.len();
+        let old = |frame: usize, handle: usize| self.places.get(frame * count + handle).copied().flatten();
+        let new = (0..sampling.frames()).flat_map(|frame| (0..count).map(move |handle| (frame, handle)));
+        let places = new.map(|(frame, handle)| {
+            let position = sampling.point(frame, |f| old(f, handle).map(|p| p.position))?;
+            Some(Place { position, turn: sampling.turn(frame, |f| old(f, handle).map(|p| p.turn))? })
+        });
+        self.places = places.collect();
+    }
+
+    /// Adds handles with their places in as many frames, one handle after the other.
+    fn add(&mut self, handles: Vec<TurningHandle>, places: &[Option<Place>], frames: usize) {
+        let (old, new) = (self.handles.len(), handles.len());
+        let mut all = Vec::with_capacity(frames * (old + new));
+        for frame in 0..frames {
+            all.extend_from_slice(&self.places[frame * old..(frame + 1) * old]);
+            all.extend((0..new).map(|h| places[h * frames + frame]));
+        }
+        self.places = all;
+        self.handles.extend(handles);
+    }
+}
 
 /// A binding without markers, for scans that handles alone move; the capture's space is the unit box.
 pub fn unbound(scan: &ScanShape<'_>, body: Option<&Body>, table: &HandleTable, options: &Options) -> Binding {
@@ -63,25 +124,34 @@ pub fn unbound(scan: &ScanShape<'_>, body: Option<&Body>, table: &HandleTable, o
         unbound: Vec::new(),
         segments: segments.collect(),
         trajectories: None,
+        turning: Turning::default(),
         decisions,
         notes: Notes::default(),
     }
 }
 
-/// Adds the handles of a table to a capture and its binding. Frames are those of the capture's own numbering; a capture without markers
-/// takes those of the table.
+/// Adds the handles of a table to a capture and its binding; those that `holds` names hold a part of the scan. Frames are those of the capture's own
+/// numbering; a capture without markers takes those of the table.
 ///
 /// # Errors
-/// [`Kind::Refused`] when a handle rests far from the scan or the frames do not meet; [`Kind::Usage`] when a handle has a marker's name.
-pub fn add_handles(scan: &ScanShape<'_>, capture: &mut Capture, binding: &mut Binding, table: &HandleTable) -> Result<()> {
+/// [`Kind::Refused`] when a handle rests far from the scan or the frames do not meet; [`Kind::Usage`] when a handle has the name of a marker or of
+/// another handle.
+pub fn add_handles(
+    scan: &ScanShape<'_>,
+    capture: &mut Capture,
+    binding: &mut Binding,
+    table: &HandleTable,
+    holds: &[Hold],
+) -> Result<()> {
     let mut notes = Notes::default();
     let take = binding.trajectories.as_mut().unwrap_or_else(|| capture.motion.points_mut());
-    if let Some(name) = table.names.iter().find(|name| take.labels.contains(name)) {
-        return Err(Error::new(Kind::Usage, format!("handle {name} has the name of a marker"))
+    let twice = |name: &&String| take.labels.contains(name) || binding.turning.handles.iter().any(|h| h.name == **name);
+    if let Some(name) = table.names.iter().find(twice) {
+        return Err(Error::new(Kind::Usage, format!("handle {name} has the name of a marker or of another handle"))
             .file(&table.source)
             .expected("names that the capture does not have"));
     }
-    let (frames, first) = match take.frames() {
+    let (frames, first) = match take.frames().max(binding.turning.frames()) {
         0 => (table.frames(), table.first_frame),
         frames => (frames, capture.first_frame),
     };
@@ -97,67 +167,66 @@ pub fn add_handles(scan: &ScanShape<'_>, capture: &mut Capture, binding: &mut Bi
             table.source.file_name().unwrap_or_default().to_string_lossy()
         ));
     }
+    // Place and orientation in a frame of the capture, `None` where it is missing.
+    let cell = |frame: usize, h: usize| -> Option<(DVec3, DQuat)> {
+        let row = usize::try_from(first + frame as i64 - table.first_frame).ok().filter(|&row| row < table.frames())?;
+        let cell = row * table.names.len() + h;
+        table.points[cell].is_finite().then(|| (scan.unit_box.enter(table.points[cell]), table.turns[cell]))
+    };
 
     let old = take.labels.len();
     let mut far = Vec::new();
-    let mut held = Vec::new();
+    let mut points = Vec::new();
+    let (mut turning, mut places) = (Vec::new(), Vec::new());
     for (h, name) in table.names.iter().enumerate() {
         let Some((rest, turn)) = table.rest(h) else { continue };
-        let attachment = scan.unit_box.enter(rest);
-        let distance = scan.tree.closest(attachment).map_or(0.0, |c| c.distance);
-        let outside = scan.tree.winding(attachment).abs() < 0.5;
+        let rest = scan.unit_box.enter(rest);
+        let holds_part = holds.iter().any(|hold| hold.handle == *name);
+        let distance = scan.tree.closest(rest).map_or(0.0, |c| c.distance);
+        let outside = scan.tree.winding(rest).abs() < 0.5;
         if outside && distance > ELSEWHERE {
             return Err(Error::refused(format!("handle {name} rests {distance:.1} diagonals away from the scan"))
                 .file(&table.source)
                 .expected("places in the scan's own coordinates and unit, at rest in the first frame")
                 .hint("retarget inspect SCAN says where the scan lies"));
         }
-        if outside && distance > LEVER {
+        if outside && distance > LEVER && !holds_part {
             far.push(format!("{name} {:.0} %", 100.0 * distance));
         }
-        let axes: &[(&str, DVec3)] = if table.oriented[h] { &AXIS_ENDS } else { &AXIS_ENDS[..1] };
-        for &(ending, axis) in axes {
-            held.push(Held { handle: h, axis, unturn: turn.inverse() });
+        if holds_part || table.oriented[h] {
+            let unturn = turn.inverse();
+            places.extend(
+                (0..frames)
+                    .map(|frame| cell(frame, h).map(|(position, turn)| Place { position, turn: (turn * unturn).normalize() })),
+            );
+            turning.push(TurningHandle { name: name.clone(), rest });
+        } else {
             binding.handles.push(BoundMarker {
-                label: format!("{name}{ending}"),
-                marker: old + held.len() - 1,
-                attachment: attachment + axis * AXES,
+                label: name.clone(),
+                marker: old + points.len(),
+                attachment: rest,
                 segment: None,
-                beta: if table.oriented[h] { TURNING } else { 1.0 },
+                beta: 1.0,
             });
+            points.push(h);
         }
     }
     if !far.is_empty() {
         notes.warn(format!("handles that rest far off the scan (of its diagonal): {}", far.join(", ")));
     }
 
-    let mut points = Vec::with_capacity(frames * (old + held.len()));
+    let mut all = Vec::with_capacity(frames * (old + points.len()));
     for frame in 0..frames {
-        points.extend_from_slice(&take.points[frame * old..(frame + 1) * old]);
-        let row = usize::try_from(first + frame as i64 - table.first_frame).ok().filter(|&row| row < table.frames());
-        for h in &held {
-            let place = row.map_or(DVec3::NAN, |row| {
-                let cell = row * table.names.len() + h.handle;
-                scan.unit_box.enter(table.points[cell]) + table.turns[cell] * (h.unturn * h.axis) * AXES
-            });
-            points.push(binding.placement.undo(place).to_array().map(|x| x as f32));
-        }
+        all.extend_from_slice(&take.points[frame * old..(frame + 1) * old]);
+        all.extend(points.iter().map(|&h| {
+            let place = cell(frame, h).map_or(DVec3::NAN, |(position, _)| position);
+            take.stored(binding.placement.undo(place))
+        }));
     }
-    take.points = points;
-    take.labels.extend(binding.handles.iter().skip(binding.handles.len() - held.len()).map(|h| h.label.clone()));
+    take.points = all;
+    take.labels.extend(points.iter().map(|&h| table.names[h].clone()));
+    binding.turning.add(turning, &places, frames);
     capture.first_frame = first;
     binding.notes.extend(notes);
     Ok(())
 }
-
-/// A point by which a handle holds the scan.
-struct Held {
-    /// Row of names in the table.
-    handle: usize,
-    /// From the handle at rest, in lengths of the axes.
-    axis: DVec3,
-    /// Undoes the orientation at rest.
-    unturn: DQuat,
-}
-
-const AXIS_ENDS: [(&str, DVec3); 4] = [("", DVec3::ZERO), (" x", DVec3::X), (" y", DVec3::Y), (" z", DVec3::Z)];

@@ -10,6 +10,7 @@ mod corpus;
 mod decisions;
 pub mod driven;
 mod fit;
+pub mod grips;
 mod labels;
 pub mod landmarks;
 mod places;
@@ -21,20 +22,24 @@ pub mod select;
 mod similarity;
 mod skeletons;
 mod skin;
+mod surfaces;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests;
 mod track;
 
-pub use bind::bind;
+pub use actor::{ActorSpace, actor_space};
+pub use bind::{bind, unit_of_body};
 pub use decisions::Decisions;
+pub use driven::Turning;
 pub use regions::{Regions, Rules};
 pub use segments::Segment;
 pub use similarity::Similarity;
 
+use crate::capture::resample::Sampling;
 use crate::capture::{Capture, MarkerTake};
 use crate::error::{Error, Notes, Result};
-use crate::scan::UnitBox;
+use crate::scan::{SurfaceMesh, UnitBox};
 use crate::space::{Axis, Space, Unit};
 use crate::spatial::TriangleTree;
 use glam::DVec3;
@@ -115,6 +120,8 @@ pub struct ScanShape<'a> {
     pub unit_box: UnitBox,
     /// What its file says of unit and axes.
     pub space: &'a Space,
+    /// Its vertices and faces in its own space, for captures of the same mesh.
+    pub mesh: Option<&'a SurfaceMesh>,
 }
 
 /// A marker that pulls the scan.
@@ -156,6 +163,8 @@ pub struct Binding {
     pub segments: Vec<SegmentPlace>,
     /// The trajectories that the handles follow, in the space of `placement`, where they are not the capture's own.
     pub trajectories: Option<MarkerTake>,
+    /// Handles that turn what they hold, with their places in every frame.
+    pub turning: Turning,
     /// All decisions, with their words.
     pub decisions: Decisions,
     /// What was doubtful.
@@ -168,18 +177,26 @@ impl Binding {
         self.trajectories.as_ref().unwrap_or_else(|| capture.motion.points())
     }
 
+    /// Brings the trajectories that the handles follow to other frames, where they are the binding's own.
+    pub fn resample(&mut self, sampling: &Sampling) {
+        if let Some(take) = &mut self.trajectories {
+            *take = sampling.markers(take);
+        }
+        self.turning.resample(sampling);
+    }
+
     /// Targets of all handles in one frame of the take.
     ///
-    /// Shapes: `frame`: one point per marker of [`Binding::take`], missing ones NaN; `positions`, `present`: one entry per handle, overwritten; the
+    /// Shapes: `take`: [`Binding::take`]; `frame`: counted from 0; `positions`, `present`: one entry per handle, overwritten; the
     /// position of a missing marker is left as it was.
-    pub fn targets(&self, frame: &[[f32; 3]], positions: &mut Vec<DVec3>, present: &mut Vec<bool>) {
+    pub fn targets(&self, take: &MarkerTake, frame: usize, positions: &mut Vec<DVec3>, present: &mut Vec<bool>) {
         positions.resize(self.handles.len(), DVec3::ZERO);
         present.resize(self.handles.len(), false);
         for ((handle, position), present) in self.handles.iter().zip(positions).zip(present) {
-            let p = frame[handle.marker];
-            *present = !p[0].is_nan();
-            if *present {
-                *position = self.placement.apply(DVec3::new(p[0].into(), p[1].into(), p[2].into()));
+            let p = take.point(frame, handle.marker);
+            *present = p.is_some();
+            if let Some(p) = p {
+                *position = self.placement.apply(p);
             }
         }
     }

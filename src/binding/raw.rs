@@ -5,7 +5,7 @@ use super::bind::{Take, outside, scan_unit, unit_factor};
 use super::landmarks::Body;
 use super::segments::Skeleton;
 use super::similarity::Similarity;
-use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, places, reference};
+use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, Turning, places, reference};
 use crate::error::{Error, Notes, Result};
 use crate::space::{Evidence, Known, Unit};
 use glam::{DQuat, DVec3};
@@ -172,7 +172,16 @@ pub(super) fn bind_found(
         proportions: Vec::new(),
         strain: None,
     };
-    Ok(Binding { placement, segments: segments.collect(), handles, unbound, trajectories: None, decisions, notes })
+    Ok(Binding {
+        placement,
+        segments: segments.collect(),
+        handles,
+        unbound,
+        trajectories: None,
+        turning: Turning::default(),
+        decisions,
+        notes,
+    })
 }
 
 fn as_it_is(scan: &ScanShape<'_>, factor: f64, options: &Options) -> Similarity {

@@ -8,9 +8,6 @@ use crate::scan::{NONE, Scan, UnitBox};
 use crate::spatial::{PointTree, TriangleTree};
 use glam::DVec3;
 
-/// Stiffness of a rigid part against the body (Stoll et al. 2007 leave 0.03 % of the diagonal of a bent bar's third with it).
-pub const RIGID: f64 = 100.0;
-
 /// What is asked of parts of the scan, in the order in which it applies: where parts overlap, the later rule wins.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Rules(Vec<Rule>);
@@ -18,19 +15,55 @@ pub struct Rules(Vec<Rule>);
 #[derive(Clone, Debug, PartialEq)]
 struct Rule {
     what: Selector,
-    factor: f64,
-    rigid: bool,
+    /// How stiff; `None`: a rigid body.
+    factor: Option<f64>,
+    /// Whether it is left out where it selects nothing.
+    may_be_empty: bool,
 }
 
+/// Ends of limbs with more markers than this are measured well enough to bend.
+const TELLS_BENDS: usize = 5;
+/// Limbs with fewer markers of their own than this bow between the joints.
+const TELLS_BOWS: usize = 2;
+/// Stiffness of the shafts of such upper arms. They bow most, where the scan holds the arms out and the actor does not.
+const UPPER_ARM: f64 = 10.0;
+/// The same of forearms, thighs and shanks: stiffer ones crease the joints between them.
+const SHAFT: f64 = 3.0;
+
 impl Rules {
-    /// Adds a part that keeps its shape.
+    /// What holds for bodies, as far as the markers do not tell better: heads, hands and feet are rigid, shafts of limbs that have next to no marker
+    /// are stiffer. Nothing where parts are not known or markers do not belong to parts.
+    pub fn of_body(binding: &Binding) -> Self {
+        use Segment::*;
+        let mut rules = Self::default();
+        let markers = |s: Segment| binding.handles.iter().filter(|h| h.segment == Some(s)).count();
+        let named = Segment::ALL.into_iter().any(|s| markers(s) > 0);
+        if !named || binding.segments.is_empty() || binding.decisions.scan_height.is_none() {
+            return rules;
+        }
+        let shaft = |s: &Segment| markers(*s) < TELLS_BOWS;
+        let upper_arms: Vec<Segment> = [LeftUpperArm, RightUpperArm].into_iter().filter(shaft).collect();
+        let limbs = [LeftForearm, RightForearm, LeftThigh, RightThigh, LeftShank, RightShank];
+        let ends = [Head, LeftHand, RightHand, LeftFoot, RightFoot];
+        for (segments, factor) in [
+            (upper_arms, Some(UPPER_ARM)),
+            (limbs.into_iter().filter(shaft).collect(), Some(SHAFT)),
+            (ends.into_iter().filter(|s| markers(*s) <= TELLS_BENDS).collect(), None),
+        ] {
+            let rule = |what| Rule { what, factor, may_be_empty: true };
+            rules.0.extend(Selector::of_segments(segments).into_iter().map(rule));
+        }
+        rules
+    }
+
+    /// Adds a part that moves like a rigid body; pieces of it that do not touch turn as one.
     pub fn rigid(&mut self, what: Selector) {
-        self.0.push(Rule { what, factor: RIGID, rigid: true });
+        self.0.push(Rule { what, factor: None, may_be_empty: false });
     }
 
     /// Adds a part that is stiffer or softer than the body.
     pub fn stiffness(&mut self, rule: Stiffness) {
-        self.0.push(Rule { what: rule.what, factor: rule.factor, rigid: false });
+        self.0.push(Rule { what: rule.what, factor: Some(rule.factor), may_be_empty: false });
     }
 
     /// Whether nothing is asked for.
@@ -42,44 +75,39 @@ impl Rules {
 /// Parts of the proxy.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Regions {
-    /// Stiffness of each tetrahedron; empty where all are alike.
+    /// Stiffness of each tetrahedron, 1 in rigid parts; empty where nothing was asked for.
     pub stiffness: Vec<f64>,
     /// Tetrahedra of each rigid part, rising.
     pub rigid: Vec<Vec<u32>>,
-    /// What was asked for, the stiffness, and how many tetrahedra have it.
-    pub counts: Vec<(String, f64, usize)>,
+    /// What was asked for, the stiffness (`None` where it is rigid), and how many tetrahedra it took.
+    pub counts: Vec<(String, Option<f64>, usize)>,
 }
 
 impl Regions {
-    /// Brings rules onto the proxy. `points`: the scan's vertices in the unit box.
+    /// Brings rules onto the proxy.
     ///
     /// # Errors
-    /// [`Kind::Usage`] for names that the scan or the binding does not know, with the nearest that they do; [`Kind::Refused`] for a part
-    /// that is empty.
-    pub fn new(
-        scan: &Scan,
-        points: &[DVec3],
-        unit_box: UnitBox,
-        proxy: &Proxy,
-        binding: &Binding,
-        rules: &Rules,
-    ) -> Result<Self> {
+    /// As [`Subject::select`].
+    pub fn new(subject: &Subject<'_>, rules: &Rules) -> Result<Self> {
         if rules.is_empty() {
             return Ok(Self::default());
         }
-        let subject = Subject { scan, points, unit_box, binding, centroids: centroids(proxy) };
-        let mut stiffness = vec![1.0; proxy.tets.len()];
-        let mut part_of = vec![None; proxy.tets.len()];
+        let tets = subject.proxy.tets.len();
+        let mut stiffness = vec![1.0; tets];
+        let mut part_of = vec![None; tets];
         let mut counts = Vec::new();
         let mut parts = 0;
         for rule in &rules.0 {
-            let sets = subject.select(&rule.what)?;
+            let sets = match subject.select(&rule.what) {
+                Err(_) if rule.may_be_empty => continue,
+                sets => sets?,
+            };
             for set in &sets {
                 for &t in set {
-                    stiffness[t as usize] = rule.factor;
-                    part_of[t as usize] = rule.rigid.then_some(parts);
+                    stiffness[t as usize] = rule.factor.unwrap_or(1.0);
+                    part_of[t as usize] = rule.factor.is_none().then_some(parts);
                 }
-                parts += usize::from(rule.rigid);
+                parts += usize::from(rule.factor.is_none());
             }
             counts.push((rule.what.to_string(), rule.factor, sets.iter().map(Vec::len).sum()));
         }
@@ -110,9 +138,11 @@ impl Regions {
             .collect()
     }
 
-    /// `head × 100: 213 · upper_arms × 10: 96 tetrahedra`; empty where nothing was asked for.
+    /// `head rigid: 213 · upper_arms × 10: 96 tetrahedra`; empty where nothing was asked for.
     pub fn words(&self) -> String {
-        let parts: Vec<String> = self.counts.iter().map(|(what, factor, tets)| format!("{what} × {factor}: {tets}")).collect();
+        let how = |factor: &Option<f64>| factor.map_or("rigid".to_owned(), |f| format!("× {f}"));
+        let parts: Vec<String> =
+            self.counts.iter().map(|(what, factor, tets)| format!("{what} {}: {tets}", how(factor))).collect();
         if parts.is_empty() { String::new() } else { parts.join(" · ") + " tetrahedra" }
     }
 }
@@ -121,17 +151,46 @@ fn centroids(proxy: &Proxy) -> Vec<DVec3> {
     proxy.tets.iter().map(|t| t.iter().map(|&v| proxy.rest[v as usize]).sum::<DVec3>() * 0.25).collect()
 }
 
-struct Subject<'a> {
+/// A scan with its proxy and its binding, of which parts are selected.
+#[derive(Clone, Debug)]
+pub struct Subject<'a> {
     scan: &'a Scan,
     points: &'a [DVec3],
     unit_box: UnitBox,
+    proxy: &'a Proxy,
     binding: &'a Binding,
     centroids: Vec<DVec3>,
 }
 
-impl Subject<'_> {
+impl<'a> Subject<'a> {
+    /// `points`: the scan's vertices in the unit box.
+    pub fn new(scan: &'a Scan, points: &'a [DVec3], unit_box: UnitBox, proxy: &'a Proxy, binding: &'a Binding) -> Self {
+        Self { scan, points, unit_box, proxy, binding, centroids: centroids(proxy) }
+    }
+
+    /// The proxy of the scan.
+    pub fn proxy(&self) -> &'a Proxy {
+        self.proxy
+    }
+
+    /// The vertices of the proxy in a part, rising.
+    ///
+    /// # Errors
+    /// As [`Self::select`].
+    pub fn vertices(&self, selector: &Selector) -> Result<Vec<u32>> {
+        let tets = self.select(selector)?;
+        let mut vertices: Vec<u32> = tets.iter().flatten().flat_map(|&t| self.proxy.tets[t as usize]).collect();
+        vertices.sort_unstable();
+        vertices.dedup();
+        Ok(vertices)
+    }
+
     /// The tetrahedra of each part that a selector names.
-    fn select(&self, selector: &Selector) -> Result<Vec<Vec<u32>>> {
+    ///
+    /// # Errors
+    /// [`Kind::Usage`] for names that the scan or the binding does not know, with the nearest that they do; [`Kind::Refused`] for a part
+    /// that is empty.
+    pub fn select(&self, selector: &Selector) -> Result<Vec<Vec<u32>>> {
         let sets = match &selector.what {
             What::Group(pattern) => vec![self.group(selector, pattern)?],
             What::Color { rgb, tolerance } => vec![self.color(selector, *rgb, *tolerance)?],
@@ -197,15 +256,16 @@ impl Subject<'_> {
     }
 
     fn near(&self, selector: &Selector, names: &[String]) -> Result<Vec<u32>> {
-        let handles = &self.binding.handles;
-        let known: Vec<&str> = handles.iter().map(|h| h.label.as_str()).collect();
+        let points = self.binding.handles.iter().map(|h| (h.label.as_str(), h.attachment));
+        let turning = self.binding.turning.handles.iter().map(|h| (h.name.as_str(), h.rest));
+        let (known, places): (Vec<&str>, Vec<DVec3>) = points.chain(turning).unzip();
         for name in names {
             if !known.iter().any(|label| label.eq_ignore_ascii_case(name)) {
                 return Err(self.unknown(selector, &format!("there is no handle {name}"), name, &known, "near:"));
             }
         }
         let chosen: Vec<bool> = known.iter().map(|label| names.iter().any(|n| label.eq_ignore_ascii_case(n))).collect();
-        let tree = PointTree::new(&handles.iter().map(|h| h.attachment).collect::<Vec<_>>());
+        let tree = PointTree::new(&places);
         let mut found = Vec::new();
         let mut tets = Vec::new();
         for (t, &c) in (0u32..).zip(&self.centroids) {

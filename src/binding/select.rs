@@ -99,6 +99,23 @@ impl fmt::Display for Selector {
     }
 }
 
+impl Selector {
+    /// The fewest words for some segments of a body, each a part of its own.
+    pub(super) fn of_segments(mut segments: Vec<Segment>) -> Vec<Self> {
+        let mut words: Vec<_> = PARTS.iter().filter(|(_, sets)| sets.iter().all(|set| set.len() == 1)).collect();
+        words.sort_by_key(|(_, sets)| std::cmp::Reverse(sets.len()));
+        let mut found = Vec::new();
+        for (word, sets) in words {
+            let all = sets.iter().flat_map(|set| set.iter());
+            if all.clone().all(|s| segments.contains(s)) {
+                segments.retain(|s| !all.clone().any(|other| other == s));
+                found.push(Self { text: (*word).to_owned(), what: What::Part(sets) });
+            }
+        }
+        found
+    }
+}
+
 impl FromStr for Selector {
     type Err = String;
 
@@ -279,10 +296,52 @@ impl FromStr for Stiffness {
     }
 }
 
+/// `NAME=WHAT`: a handle and the part that it holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Hold {
+    /// Name of the handle.
+    pub handle: String,
+    /// The part.
+    pub what: Selector,
+}
+
+impl FromStr for Hold {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (handle, what) = text.split_once('=').ok_or("expected NAME=WHAT, for example tip=sphere:0,1.6,0.05,0.15")?;
+        if handle.trim().is_empty() {
+            return Err("expected the name of a handle before the equals sign".into());
+        }
+        Ok(Self { handle: handle.trim().to_owned(), what: what.parse()? })
+    }
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_first_equals_sign_parts_handle_and_what() {
+        let hold: Hold = " left hand =group:a=b".parse().unwrap();
+        assert_eq!((hold.handle.as_str(), hold.what.what), ("left hand", What::Group("a=b".into())));
+        for (text, word) in [("tip", "NAME=WHAT"), ("=head", "name of a handle"), ("tip=hnads", "'hands'")] {
+            let error = text.parse::<Hold>().unwrap_err();
+            assert!(error.contains(word), "{text}: {error}");
+        }
+    }
+
+    #[test]
+    fn segments_are_told_by_the_fewest_words() {
+        use Segment::*;
+        let words =
+            |segments: &[Segment]| Selector::of_segments(segments.to_vec()).iter().map(Selector::to_string).collect::<Vec<_>>();
+        assert_eq!(words(&[Head, RightHand, LeftHand, LeftFoot, RightFoot]), ["ends"]);
+        assert_eq!(words(&[RightHand, LeftHand, LeftFoot]), ["hands", "left_foot"]);
+        assert!(words(&[]).is_empty());
+        assert_eq!(Segment::ALL.iter().map(|&s| words(&[s]).len()).sum::<usize>(), Segment::COUNT);
+    }
 
     #[test]
     fn every_kind_is_read() {

@@ -144,7 +144,7 @@ fn take(person: &Person, labels: &[String], frames: &[Vec<DVec3>], yaw: f64, noi
         rate: 100.0,
         first_frame: 1,
         space: Space { unit: Some(Known::new(Unit::Millimetre, Evidence::File)), ..Space::default() },
-        motion: Motion::Markers(MarkerTake { labels: labels.to_vec(), points }),
+        motion: Motion::Markers(MarkerTake { labels: labels.to_vec(), points, ..MarkerTake::default() }),
         source: "made.c3d".into(),
         cleaning: crate::capture::Cleaning::default(),
         notes: Notes::default(),
@@ -153,7 +153,7 @@ fn take(person: &Person, labels: &[String], frames: &[Vec<DVec3>], yaw: f64, noi
 
 fn bound(person: &Person, capture: &Capture, options: &Options) -> Result<Binding> {
     let space = Space::default();
-    let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space };
+    let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space, mesh: None };
     bind(&scan, Ok(person.body.clone()), capture, None, options)
 }
 
@@ -309,7 +309,7 @@ fn a_capture_on_the_scan_is_bound_as_it_is() {
     assert_eq!(binding.decisions.align, Align::None);
     let (mut positions, mut present) = (Vec::new(), Vec::new());
     let markers = capture.motion.points();
-    binding.targets(&markers.points, &mut positions, &mut present);
+    binding.targets(markers, 0, &mut positions, &mut present);
     for (handle, target) in binding.handles.iter().zip(&positions) {
         assert!((handle.attachment - target).length() < 1e-9);
     }
@@ -322,7 +322,7 @@ fn what_is_no_body_is_refused_with_the_way_out() {
     let frame: Vec<DVec3> = landmarks_of(&person, &labels).iter().map(|o| o.place).collect();
     let capture = take(&person, &labels, &[frame], 0.4, 0.0);
     let space = Space::default();
-    let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space };
+    let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space, mesh: None };
     let nobody = NotHuman { reason: "five limbs".to_owned(), margin_and_cost: Some((0.04, 0.6)) };
     let error = bind(&scan, Err(nobody), &capture, None, &Options::default()).unwrap_err();
     assert_eq!(error.exit_code(), 3);

@@ -3,7 +3,7 @@
 use super::{Cleaning, MarkerTake, counted, gaps, swaps};
 use crate::error::{Error, Kind, Notes, Result};
 use glam::DVec3;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Two trajectories nearer than this share of the body are one marker.
 const SAME: f64 = 0.01;
@@ -173,6 +173,23 @@ fn join_copies(take: &mut MarkerTake, size: f64, cleaning: &mut Cleaning, notes:
     keep(take, &kept);
 }
 
+/// Gives markers with the label of an earlier one labels of their own: `C7#2`.
+pub(super) fn rename_namesakes(take: &mut MarkerTake) {
+    let mut taken: BTreeSet<String> = take.labels.iter().cloned().collect();
+    let mut seen: BTreeMap<String, usize> = BTreeMap::new();
+    for label in &mut take.labels {
+        let number = seen.entry(label.clone()).or_insert(0);
+        *number += 1;
+        while *number > 1 && taken.contains(&format!("{label}#{number}")) {
+            *number += 1;
+        }
+        if *number > 1 {
+            *label = format!("{label}#{number}");
+            taken.insert(label.clone());
+        }
+    }
+}
+
 /// `RBAC` of `RBAC-1`.
 fn numbered(label: &str) -> Option<&str> {
     let (stem, number) = label.rsplit_once('-')?;
@@ -325,7 +342,7 @@ mod tests {
                 })
             })
             .collect();
-        MarkerTake { labels: labels.iter().map(|l| (*l).to_owned()).collect(), points }
+        MarkerTake { labels: labels.iter().map(|l| (*l).to_owned()).collect(), points, ..MarkerTake::default() }
     }
 
     fn run(take: &mut MarkerTake) -> (i64, Cleaning, Notes) {
@@ -414,7 +431,7 @@ mod tests {
 
     #[test]
     fn nothing_to_see_is_an_error() {
-        let mut take = MarkerTake { labels: vec!["a".into()], points: vec![[f32::NAN; 3]; 5] };
+        let mut take = MarkerTake { labels: vec!["a".into()], points: vec![[f32::NAN; 3]; 5], ..MarkerTake::default() };
         let refused = clean(&mut take, &mut 1, 100.0, &mut Cleaning::default(), &mut Notes::default()).unwrap_err();
         assert_eq!(refused.kind, Kind::Unsupported);
     }

@@ -181,7 +181,7 @@ mod tests {
             let shift = DVec3::new(800.0 * t, 100.0 * (3.0 * t).sin(), 900.0);
             points.extend(body.map(|p| (turn * DVec3::from(p) + shift).as_vec3().to_array()));
         }
-        (MarkerTake { labels, points }, 800.0)
+        (MarkerTake { labels, points, ..MarkerTake::default() }, 800.0)
     }
 
     fn hide(take: &mut MarkerTake, frames: Range<usize>, marker: usize) {

@@ -1,43 +1,76 @@
 //! Capture files → [`Capture`]. One file per format; cleaning in files of its own.
 
+mod acclaim;
+mod assemble;
 mod bvh;
 mod c3d;
 mod clean;
+mod clips;
+#[cfg(feature = "fbx")]
+mod fbx;
 mod format;
+#[cfg(any(test, fuzzing))]
+pub mod fuzz_skeletons;
 mod gaps;
+mod gltf;
 pub mod handles_csv;
 mod labels;
+mod marker_csv;
+mod motive_csv;
 mod neighbours;
 mod number;
+pub mod resample;
 mod rigid;
+mod segments;
 mod skeleton;
+pub mod smooth;
 mod source;
 mod swaps;
+mod table;
+mod trc;
 mod turns;
+mod vertices;
 
 #[cfg(test)]
 #[path = "../../tests/common/c3d_writer.rs"]
 mod c3d_writer;
 #[cfg(test)]
+mod mutants;
+#[cfg(test)]
+mod skeleton_mutants;
+#[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod tests_of_tables;
 
-use crate::error::{Notes, Result};
-use crate::space::{Known, Space, Unit};
+use crate::error::{Error, Notes, Result};
+use crate::scan::Faces;
+use crate::space::Space;
 use crate::words;
 use format::Format;
 use glam::{DQuat, DVec3};
 use std::fmt;
-use std::io::{Read, Seek};
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
 /// What to take from a capture file.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReadOptions {
     /// Subject by its label prefix; `None` takes the one with most markers.
     pub subject: Option<String>,
+    /// Frames per second where the file does not say; `None` assumes what is usual in its format.
+    pub rate: Option<f64>,
+    /// Takes the bones or rigid bodies of a file that holds markers too.
+    pub bodies: bool,
+    /// Leaves gaps, jumps, copies and empty frames as they are in the file.
+    pub as_found: bool,
+    /// Animation by its name, where the file holds several; `None` takes the longest.
+    pub clip: Option<String>,
+    /// Skeleton of an AMC motion; `None` looks for it beside the motion.
+    pub skeleton: Option<PathBuf>,
 }
 
-/// Reads and cleans a capture file; the format is told by the contents.
+/// Reads and cleans a capture file, also as `.gz`; the format is told by the contents.
 ///
 /// What is doubtful about the file and what cleaning did is in [`Capture::notes`] and [`Capture::cleaning`].
 ///
@@ -45,11 +78,43 @@ pub struct ReadOptions {
 /// Unreadable or broken files, formats that are not read yet, files with nothing to animate, a subject that is not there.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Capture> {
     let capture = match format::tell(path)? {
-        Format::Bvh => source::load(path).and_then(|bytes| Ok(bvh::read(&bytes)?.capture(path))),
-        Format::C3d => c3d::C3d::open(path).and_then(|file| assemble(file, path, options)),
-        other => Err(other.unsupported()),
+        Format::Meshes => vertices::read(path, options.rate),
+        Format::Acclaim => acclaim::open(path, options.skeleton.as_deref(), options.rate).map(|file| file.capture(path)),
+        Format::C3d if !source::is_packed(path) => c3d::C3d::open(path).and_then(|file| assemble::c3d(file, path, options)),
+        format => source::load(path).and_then(|bytes| parse(format, bytes, path, options)),
     };
     capture.map_err(|e| if e.file.is_none() { e.file(path) } else { e }.hint_for_broken_file())
+}
+
+/// Reads and cleans a capture that is in memory; `name` stands for the path and helps to tell the format.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_bytes(bytes: Vec<u8>, name: &Path, options: &ReadOptions) -> Result<Capture> {
+    let bytes = if bytes.starts_with(&source::GZIP) { source::unpack(&bytes)? } else { bytes };
+    parse(format::of_bytes(&bytes, name), bytes, name, options).map_err(Error::hint_for_broken_file)
+}
+
+fn parse(format: Format, bytes: Vec<u8>, path: &Path, options: &ReadOptions) -> Result<Capture> {
+    match format {
+        Format::C3d => assemble::c3d(c3d::C3d::parse(Cursor::new(bytes))?, path, options),
+        Format::Bvh => Ok(bvh::read(&bytes, options.rate)?.capture(path)),
+        Format::Gltf => Ok(gltf::read(&bytes, &crate::gltf::beside(path), options.clip.as_deref())?.capture(path)),
+        #[cfg(feature = "fbx")]
+        Format::Fbx => Ok(fbx::read(&bytes, options.clip.as_deref())?.capture(path)),
+        Format::Trc => assemble::table(trc::read(&bytes, options)?, path, options),
+        Format::MarkerCsv => assemble::table(marker_csv::read(&bytes, options)?, path, options),
+        Format::MotiveCsv => match motive_csv::read(&bytes, options)? {
+            motive_csv::Export::Markers(table) => assemble::table(table, path, options),
+            motive_csv::Export::Bodies(take, head) => segments::assemble(take, head, path, options),
+        },
+        other => Err(other.unsupported()),
+    }
+}
+
+/// Whether a file is a table of handles ([`handles_csv`]) and not a capture; told by its first lines.
+pub fn is_handle_table(path: &Path) -> bool {
+    format::tell(path).map_or_else(|_| source::extension(path) == "csv", |format| format == Format::HandleCsv)
 }
 
 /// One take of a motion capture.
@@ -100,23 +165,25 @@ pub enum Motion {
     /// Joints with places and turns, inside of the body.
     Skeleton(SkeletonTake),
     /// Vertices of a captured surface.
-    Vertices(MarkerTake),
+    Vertices(VertexTake),
 }
 
 impl Motion {
     /// Trajectories of the points that move: markers, origins of joints, vertices.
     pub fn points(&self) -> &MarkerTake {
         match self {
-            Motion::Markers(take) | Motion::Vertices(take) => take,
+            Motion::Markers(take) => take,
             Motion::Skeleton(skeleton) => &skeleton.origins,
+            Motion::Vertices(surface) => &surface.points,
         }
     }
 
     /// As [`Motion::points`], to be changed.
     pub fn points_mut(&mut self) -> &mut MarkerTake {
         match self {
-            Motion::Markers(take) | Motion::Vertices(take) => take,
+            Motion::Markers(take) => take,
             Motion::Skeleton(skeleton) => &mut skeleton.origins,
+            Motion::Vertices(surface) => &mut surface.points,
         }
     }
 
@@ -157,7 +224,8 @@ impl SkeletonTake {
     /// Least and largest coordinates of all joints in all frames; infinite where no joint has a place.
     pub fn range(&self) -> (DVec3, DVec3) {
         let places = self.origins.points.iter().filter(|p| !p[0].is_nan()).map(|p| DVec3::from(p.map(f64::from)));
-        places.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
+        let (low, high) = places.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
+        (low + self.origins.origin, high + self.origins.origin)
     }
 }
 
@@ -174,6 +242,8 @@ pub enum Rest {
     FirstFrame,
     /// The pose in which a skin was bound to the joints.
     Bind,
+    /// The pose in which the file holds its nodes when no animation plays: mostly at rest, but it may be a frame of the motion.
+    Nodes,
 }
 
 impl fmt::Display for Rest {
@@ -183,6 +253,7 @@ impl fmt::Display for Rest {
             Rest::Hierarchy => "the hierarchy with all angles zero",
             Rest::FirstFrame => "the first frame",
             Rest::Bind => "the pose of the skin",
+            Rest::Nodes => "the nodes without animation",
         })
     }
 }
@@ -202,13 +273,28 @@ pub struct Joint {
     pub end: bool,
 }
 
+/// Vertices of a captured surface: some of them, spread evenly.
+#[derive(Clone, Debug, Default)]
+pub struct VertexTake {
+    /// Their trajectories; any number of the first of them is spread over the whole surface.
+    pub points: MarkerTake,
+    /// Which vertices of the surface they are.
+    pub vertices: Vec<u32>,
+    /// Number of all vertices of the surface.
+    pub count: usize,
+    /// The faces over them.
+    pub faces: Faces,
+}
+
 /// Trajectories of labelled points, frame by frame.
 #[derive(Clone, Debug, Default)]
 pub struct MarkerTake {
     /// One label per marker, unique.
     pub labels: Vec<String>,
-    /// Frame-major positions in the capture's unit and axes, `frames × labels`; a missing point is NaN.
+    /// Frame-major positions from `origin` in the capture's unit and axes, `frames × labels`; a missing point is NaN.
     pub points: Vec<[f32; 3]>,
+    /// What the positions count from: zero, but for takes so far away that single precision would lose what they do.
+    pub origin: DVec3,
 }
 
 impl MarkerTake {
@@ -225,7 +311,12 @@ impl MarkerTake {
     /// Position of a marker in a frame (counted from 0), `None` where it is missing.
     pub fn point(&self, frame: usize, marker: usize) -> Option<DVec3> {
         let p = self.points[frame * self.labels.len() + marker];
-        (!p[0].is_nan()).then(|| DVec3::new(p[0].into(), p[1].into(), p[2].into()))
+        (!p[0].is_nan()).then(|| DVec3::new(p[0].into(), p[1].into(), p[2].into()) + self.origin)
+    }
+
+    /// A position as it is stored: counted from the origin.
+    pub fn stored(&self, position: DVec3) -> [f32; 3] {
+        (position - self.origin).to_array().map(|x| x as f32)
     }
 }
 
@@ -287,50 +378,4 @@ impl fmt::Display for Cleaning {
 /// `1 gap`, `2 gaps`.
 fn counted(n: usize, one: &str, many: &str) -> String {
     format!("{n} {}", if n == 1 { one } else { many })
-}
-
-/// From an opened file to a clean capture.
-fn assemble<R: Read + Seek>(mut file: c3d::C3d<R>, path: &Path, options: &ReadOptions) -> Result<Capture> {
-    let mut notes = std::mem::take(&mut file.notes);
-    let mut cleaning = Cleaning::default();
-    if !file.labelled {
-        notes.warn(format!("the file has no labels: its {} points are numbered", file.labels.len()));
-        for (n, label) in file.labels.iter_mut().enumerate() {
-            *label = format!("M{:03}", n + 1);
-        }
-    }
-    let selection =
-        labels::select(&file.labels, &file.computed, &file.subjects, options.subject.as_deref(), &mut cleaning, &mut notes)?;
-    let points = file.points(&selection.columns)?;
-    notes.extend(std::mem::take(&mut file.notes));
-    let mut take = MarkerTake { labels: selection.labels, points };
-    let mut first_frame = file.first_frame;
-    clean::clean(&mut take, &mut first_frame, file.rate, &mut cleaning, &mut notes)?;
-    check_size(clean::size(&take), file.space.unit, &mut notes);
-
-    let only = match &file.subjects[..] {
-        [one] => Some(one.clone()),
-        _ => None,
-    };
-    let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-    Ok(Capture {
-        name: selection.subject.or(only).unwrap_or(stem),
-        rate: file.rate,
-        first_frame,
-        space: file.space,
-        motion: Motion::Markers(take),
-        source: path.to_owned(),
-        cleaning,
-        notes,
-    })
-}
-
-/// Warns where the unit makes the body absurdly large or small; the values are left alone.
-fn check_size(size: f64, unit: Option<Known<Unit>>, notes: &mut Notes) {
-    let Some(unit) = unit else { return };
-    let metres = size * unit.value.metres();
-    if metres > 20.0 || (metres > 0.0 && metres < 0.01) {
-        let unit = unit.value;
-        notes.warn(format!("the file says {unit}, but the markers then span {metres:.3} m: the unit is doubtful"));
-    }
 }

@@ -13,7 +13,7 @@ const LARGEST_RATIO: u64 = 100;
 /// Unpacked bytes that are always allowed: a small file may well consist of repetitions.
 const ALWAYS_ALLOWED: u64 = 64 << 20;
 /// How a gzip file begins.
-const GZIP: [u8; 2] = [0x1f, 0x8b];
+pub(super) const GZIP: [u8; 2] = [0x1f, 0x8b];
 
 /// The first bytes of the content of `path`, unpacked where it is gzip; as many as can be read, at most `length`.
 ///
@@ -50,6 +50,12 @@ pub(super) fn load(path: &Path) -> Result<Vec<u8>> {
     if bytes.starts_with(&GZIP) { unpack(&bytes).map_err(|e| e.file(path)) } else { Ok(bytes) }
 }
 
+/// Whether the content of `path` is gzip.
+pub(super) fn is_packed(path: &Path) -> bool {
+    let mut signature = [0; 2];
+    File::open(path).and_then(|mut file| file.read_exact(&mut signature)).is_ok() && signature == GZIP
+}
+
 /// The extension in lower case, without a final `.gz`.
 pub(super) fn extension(path: &Path) -> String {
     let lower = |p: &Path| p.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
@@ -71,7 +77,11 @@ fn too_large() -> Error {
     Error::new(Kind::Unsupported, "more than 4 GiB of data").expected("at most 4 GiB")
 }
 
-fn unpack(packed: &[u8]) -> Result<Vec<u8>> {
+/// The content of gzip data.
+///
+/// # Errors
+/// Damaged data, or data that unpacks to an absurd size.
+pub(super) fn unpack(packed: &[u8]) -> Result<Vec<u8>> {
     let allowed = (ALWAYS_ALLOWED + LARGEST_RATIO * packed.len() as u64).min(LARGEST);
     let mut bytes = Vec::new();
     let outcome = MultiGzDecoder::new(packed).take(allowed + 1).read_to_end(&mut bytes);

@@ -91,7 +91,7 @@ mod tests {
                 [[40.0 * (8.0 * t).sin(), 0.0, 900.0], [60.0 + 40.0 * (8.0 * t).sin(), 10.0, 900.0], [0.0, 500.0, 1700.0]]
             })
             .collect();
-        MarkerTake { labels: ["a", "b", "c"].map(str::to_owned).to_vec(), points }
+        MarkerTake { labels: ["a", "b", "c"].map(str::to_owned).to_vec(), points, ..MarkerTake::default() }
     }
 
     #[test]

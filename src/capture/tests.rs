@@ -6,8 +6,8 @@ use super::c3d::C3d;
 use super::c3d_writer::{C3dFile, PROCESSORS, Processor};
 use super::*;
 use crate::error::Kind;
+use crate::space::Unit;
 use std::fs::File;
-use std::io::Cursor;
 
 /// The folder of real captures, where this machine has it.
 pub(super) fn real(file: &str) -> Option<PathBuf> {
@@ -26,7 +26,7 @@ fn markers(capture: &Capture) -> &MarkerTake {
 }
 
 fn from_bytes(bytes: Vec<u8>, options: &ReadOptions) -> Result<Capture> {
-    assemble(C3d::parse(Cursor::new(bytes))?, Path::new("take.c3d"), options)
+    read_bytes(bytes, Path::new("take.c3d"), options)
 }
 
 /// Twelve markers that sway about, 60 frames.
@@ -277,12 +277,12 @@ fn another_reader_agrees_on_well_formed_files() {
 fn files_with_nothing_to_animate_say_what_they_hold() {
     for (file, kind, said) in [
         ("c3d/emg_only.c3d", Kind::Unsupported, "only analog data"),
-        ("c3d/theia_rotations.c3d", Kind::Unsupported, "rotations of 21 segments"),
         ("broken/empty.c3d", Kind::Malformed, "the file is empty"),
         ("broken/zeros_512.c3d", Kind::Malformed, "not a C3D file"),
         ("broken/not_a_c3d.c3d", Kind::Malformed, "the hierarchy ends without the word MOTION"),
         ("usd/simple-skin-animation-test.usda", Kind::Unsupported, "USD"),
-        ("trc/motek_tpose.trc", Kind::Unsupported, "TRC"),
+        ("broken/empty.trc", Kind::Malformed, "the header ends before"),
+        ("trc/truncated_header.trc", Kind::Malformed, "the header ends before the line of marker names (line 2)"),
         ("c3d", Kind::Unreadable, "folder"),
     ] {
         let Some(path) = real(file) else { continue };
@@ -354,7 +354,7 @@ fn real_takes_keep_their_body_markers_only() {
 #[test]
 fn a_subject_is_chosen_by_name() {
     let Some(path) = real("c3d/art_human_2persons_integer.c3d") else { return };
-    let of = |name: &str| read(&path, &ReadOptions { subject: Some(name.into()) });
+    let of = |name: &str| read(&path, &ReadOptions { subject: Some(name.into()), ..ReadOptions::default() });
     let second = of("human2:").unwrap();
     assert_eq!((second.name.as_str(), markers(&second).markers()), ("Human2", 21));
     let foot = markers(&second).labels.iter().position(|l| l == "RFOO").unwrap();

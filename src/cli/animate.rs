@@ -3,16 +3,20 @@
 use super::args::{Align, Animate, Reference};
 use super::console::Console;
 use super::decisions::{
-    bind_line, binding_details, binding_json, capture_line, cut, done_line, file_name, outcome_warnings, scan_line, solve_line,
-    unbound,
+    bind_line, binding_details, binding_json, capture_line, cut, done_line, file_name, oriented_json, outcome_warnings,
+    scan_line, solve_line, unbound,
 };
 use super::outputs;
 use super::picture::{self, Bound};
+use crate::binding::grips::{self, Holding};
+use crate::binding::regions::Subject;
+use crate::binding::select::Hold;
 use crate::binding::{self, Binding, Regions, Rules, ScanShape, driven, landmarks};
 use crate::capture::handles_csv::HandleTable;
-use crate::capture::{self, Capture, ReadOptions};
-use crate::deform::Handle;
+use crate::capture::resample::Sampling;
+use crate::capture::{self, Capture, ReadOptions, smooth};
 use crate::deform::volumetric::{Options, Volumetric};
+use crate::deform::{Grip, Handle, OrientedHandle};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::export::files::Pending;
 use crate::export::{Cancel, FrameSink, Header};
@@ -57,6 +61,7 @@ struct Setup {
     proxy: Arc<Proxy>,
     map: Arc<SurfaceMap>,
     handles: Vec<Handle>,
+    oriented: Vec<OrientedHandle>,
     regions: Regions,
     deformer: Volumetric,
     clock: Clock,
@@ -72,6 +77,10 @@ impl Setup {
         let (scan, mut captures) = (scan?, captures?);
         clock.lap("read");
         cancel.check()?;
+        if let Some(hertz) = args.smooth {
+            let capture = &mut captures.capture;
+            smooth::low_pass(&mut capture.motion, capture.rate, hertz).map_err(|e| e.file(&args.capture))?;
+        }
         let range = pipeline::select(captures.capture.first_frame, captures.frames(), args.frames)?;
 
         let unit_box = UnitBox::of(&scan.mesh).ok_or_else(|| {
@@ -83,8 +92,8 @@ impl Setup {
             || body(args, &scan, unit_box, &points, &triangles, cancel),
             || bind(args, &scan, unit_box, &points, &triangles, &mut captures),
         );
-        let binding = bound?;
-        let (capture, reference) = (captures.capture, captures.reference);
+        let mut binding = bound?;
+        let (mut capture, reference) = (captures.capture, captures.reference);
         console.station("scan", &scan_line(args, &scan, &binding));
         console.station("capture", &capture_line(args, &capture, &binding));
         console.station("bind", &bind_line(args, &binding));
@@ -96,6 +105,7 @@ impl Setup {
         warn(console, &mut warnings, &cut(args, &capture, &range));
         warn(console, &mut warnings, &binding.notes);
         warn(console, &mut warnings, &unbound(&binding));
+        warn(console, &mut warnings, &grips::missing(&binding.turning, &holdings(args), range.clone()));
         binding_details(&binding).iter().for_each(|line| console.detail(line));
         let (proxy, remarks, notes, joined) = built?;
         console.station("proxy", &remarks);
@@ -109,13 +119,16 @@ impl Setup {
             console.station("picture", &path.display().to_string());
             clock.lap("picture");
         }
+        let range = resample(args, &mut capture, &mut binding, range)?;
         cancel.check()?;
 
-        let (mut proxy, mut handles, mut regions) = (proxy, Vec::new(), Regions::default());
+        let (mut proxy, mut handles, mut oriented, mut regions) = (proxy, Vec::new(), Vec::new(), Regions::default());
         for _ in 0..2 {
-            regions = Regions::new(&scan, &points, unit_box, &proxy, &binding, &rules(args))?;
+            let subject = Subject::new(&scan, &points, unit_box, &proxy, &binding);
+            regions = Regions::new(&subject, &rules(args, &binding))?;
             handles = attach(&proxy, &binding, &regions, args);
-            let Some(held) = held_components(&proxy, &handles) else { break };
+            oriented = grips::grips(&subject, &binding.turning.handles, &holdings(args))?;
+            let Some(held) = held_components(&proxy, &handles, &oriented) else { break };
             proxy = proxy.with_components(|c| held[c as usize]);
             let loose = words::plural(held.iter().filter(|h| !**h).count(), "separate part");
             let mut notes = Notes::default();
@@ -129,11 +142,12 @@ impl Setup {
             tolerance: args.quality.tolerance(),
             iterations: args.iterations,
             stiffness: regions.stiffness.clone(),
+            rigid: regions.rigid.clone(),
             ..Options::default()
         };
         let (map, deformer) = rayon::join(
             || SurfaceMap::build_by_pieces(&proxy, &points, &scan.mesh.faces, args.map.into()),
-            || Volumetric::new(&proxy, &handles, &options),
+            || Volumetric::with_oriented(&proxy, &handles, &oriented, &options),
         );
         let (map, deformer) = (Arc::new(map?), deformer?);
         if let Some(path) = &args.save_proxy {
@@ -154,6 +168,7 @@ impl Setup {
             proxy: Arc::new(proxy),
             map,
             handles,
+            oriented,
             regions,
             deformer,
             clock,
@@ -200,6 +215,7 @@ impl Setup {
             first_frame: self.capture.first_frame,
             binding: &self.binding,
             handles: &self.handles,
+            oriented: &self.oriented,
             deformer: Box::new(self.deformer),
             sinks,
             report,
@@ -225,7 +241,9 @@ impl Setup {
             report.finish(&outcome.written, metres, &self.warnings)?;
         }
         let total = self.start.elapsed().as_secs_f64();
-        console.station("done", &done_line(&outcome, total, &self.handles, metres, self.unit_box.diagonal));
+        let names: Vec<&str> =
+            self.handles.iter().map(|h| h.name.as_str()).chain(self.oriented.iter().map(|h| h.name.as_str())).collect();
+        console.station("done", &done_line(&outcome, total, &names, metres, self.unit_box.diagonal));
         let [solve, map, write] = outcome.stage_ms.map(|ms| ms / outcome.frames.max(1) as f64);
         console.detail(&format!(
             "set-up {} · per frame: solve {solve:.1} ms ({:.1} passes), map {map:.1} ms, write {write:.1} ms · outputs completed in {} · peak {}",
@@ -253,6 +271,7 @@ impl Setup {
             "capture": { "name": self.capture.name, "rate": self.capture.rate, "first_frame": self.capture.first_frame, "summary": self.capture.summary() },
             "parts": self.regions.counts.iter().map(|(what, stiffness, tets)| json!({ "what": what, "stiffness": stiffness, "tetrahedra": tets })).collect::<Vec<_>>(),
             "binding": binding_json(&self.binding, self.unit_box),
+            "oriented_handles": self.oriented.iter().map(|h| oriented_json(h, self.unit_box)).collect::<Vec<_>>(),
             "proxy": { "vertices": self.proxy.rest.len(), "tetrahedra": self.proxy.tets.len() },
         });
         vec![("inputs", inputs), ("decisions", decisions), ("setup_ms", Value::Object(laps))]
@@ -298,12 +317,20 @@ impl Captures {
     }
 }
 
+/// Whether the capture is a table of handles.
 pub(super) fn is_table(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"))
+    capture::is_handle_table(path)
 }
 
 fn read_captures(args: &Animate) -> Result<Captures> {
-    let options = ReadOptions { subject: args.subject.clone() };
+    let options = ReadOptions {
+        subject: args.subject.clone(),
+        rate: Some(args.rate),
+        clip: args.clip.clone(),
+        skeleton: args.skeleton.clone(),
+        bodies: args.bodies,
+        as_found: false,
+    };
     let mut tables = Vec::new();
     let capture = if is_table(&args.capture) {
         let table = HandleTable::read(&args.capture)?;
@@ -321,12 +348,37 @@ fn read_captures(args: &Animate) -> Result<Captures> {
 /// Hardness of handles on rigid parts against others: a part that cannot bend towards each of its handles leaves them farther away.
 const GRIP: f64 = 4.0;
 
-/// What is rigid or stiffer.
-fn rules(args: &Animate) -> Rules {
-    let mut rules = Rules::default();
+/// What handles of tables hold.
+fn holdings(args: &Animate) -> Vec<Holding> {
+    let holdings =
+        |holds: &[Hold], exact| holds.iter().map(move |hold| Holding { hold: hold.clone(), exact }).collect::<Vec<_>>();
+    [holdings(&args.hold, false), holdings(&args.hold_exact, true)].concat()
+}
+
+/// What is rigid or stiffer. A fixed count of plain iterations is for the energy as it was published.
+fn rules(args: &Animate, binding: &Binding) -> Rules {
+    let mut rules = if args.iterations.is_some() { Rules::default() } else { Rules::of_body(binding) };
     args.stiffness.iter().for_each(|rule| rules.stiffness(rule.clone()));
     args.rigid.iter().for_each(|what| rules.rigid(what.clone()));
     rules
+}
+
+/// The capture at `--fps`, cut to the frames that are written and those that lead into them; the first one written keeps its number.
+fn resample(args: &Animate, capture: &mut Capture, binding: &mut Binding, range: Range<usize>) -> Result<Range<usize>> {
+    /// Positions that a take may have.
+    const MOST: usize = 1 << 30;
+    let Some(rate) = args.fps else { return Ok(range) };
+    let first = capture.first_frame + range.start as i64;
+    let (sampling, lead) = Sampling::new(range, pipeline::PRE_ROLL, capture.rate, rate);
+    let points = binding.take(capture).markers() + binding.turning.handles.len();
+    if sampling.frames().saturating_mul(points) > MOST {
+        return Err(Error::new(Kind::Usage, format!("--fps {rate} makes {} frames", words::count(sampling.frames())))
+            .expected("fewer frames per second, or a shorter range of frames"));
+    }
+    capture.motion = sampling.motion(&capture.motion);
+    binding.resample(&sampling);
+    (capture.rate, capture.first_frame) = (rate, first - lead as i64);
+    Ok(lead..sampling.frames())
 }
 
 /// The static trial; one of a single person may not name the subject.
@@ -353,15 +405,20 @@ fn attach(proxy: &Proxy, binding: &Binding, regions: &Regions, args: &Animate) -
 }
 
 /// Which components of the proxy a handle holds; `None` where all or none are held.
-fn held_components(proxy: &Proxy, handles: &[Handle]) -> Option<Vec<bool>> {
+fn held_components(proxy: &Proxy, handles: &[Handle], oriented: &[OrientedHandle]) -> Option<Vec<bool>> {
     let mut of_vertex = vec![0; proxy.rest.len()];
     for (tet, &component) in proxy.tets.iter().zip(&proxy.components) {
         tet.iter().for_each(|&v| of_vertex[v as usize] = component);
     }
     let count = proxy.components.iter().max().map_or(0, |&last| last as usize + 1);
     let mut held = vec![false; count];
-    for handle in handles {
-        handle.row.indices.iter().for_each(|&v| held[of_vertex[v as usize] as usize] = true);
+    let mut hold = |vertices: &[u32]| vertices.iter().for_each(|&v| held[of_vertex[v as usize] as usize] = true);
+    handles.iter().for_each(|handle| hold(&handle.row.indices));
+    for handle in oriented {
+        match &handle.grip {
+            Grip::Frame { rows, .. } => rows.iter().for_each(|row| hold(&row.indices)),
+            Grip::Region { vertices, .. } | Grip::Exact { vertices } => hold(vertices),
+        }
     }
     (held.contains(&true) && held.contains(&false)).then_some(held)
 }
@@ -400,7 +457,7 @@ fn bind(
     captures: &mut Captures,
 ) -> Result<Binding> {
     let tree = TriangleTree::new(points, triangles);
-    let shape = ScanShape { tree: &tree, unit_box, space: &scan.space };
+    let shape = ScanShape { tree: &tree, unit_box, space: &scan.space, mesh: Some(&scan.mesh) };
     let options = binding::Options {
         align: match args.align {
             Align::Auto => binding::Align::Auto,
@@ -429,8 +486,9 @@ fn bind(
         None => binding::bind(&shape, body, &captures.capture, captures.reference.as_ref(), &options)
             .map_err(|e| if e.file.is_none() { e.file(&scan.source) } else { e })?,
     };
+    let holds: Vec<Hold> = args.hold.iter().chain(&args.hold_exact).cloned().collect();
     for table in &captures.tables {
-        driven::add_handles(&shape, &mut captures.capture, &mut binding, table)?;
+        driven::add_handles(&shape, &mut captures.capture, &mut binding, table, &holds)?;
     }
     Ok(binding)
 }

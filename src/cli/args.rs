@@ -1,6 +1,6 @@
 //! The arguments as typed: strings checked and turned into values, nothing opened yet.
 
-use crate::binding::select::{Selector, Stiffness};
+use crate::binding::select::{Hold, Selector, Stiffness};
 use crate::deform::volumetric::Options;
 use crate::proxy::rows::MapKind;
 use crate::space::{Axis, Unit};
@@ -37,20 +37,23 @@ pub enum Command {
 /// Arguments of `retarget inspect`.
 #[derive(Debug, Args)]
 pub struct Inspect {
-    /// Scans (OBJ, PLY, STL, also .gz), captures (C3D), outputs (GLB, PC2)
+    /// Scans (OBJ, PLY, STL, OFF, glTF, GLB, also .gz and .zip), captures (C3D, TRC, CSV, BVH, ASF/AMC, glTF, FBX), outputs (GLB, PC2)
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Print JSON, one object per file, for programs
     #[arg(long)]
     pub json: bool,
+    /// Draw bars without block characters
+    #[arg(long)]
+    pub ascii: bool,
 }
 
 /// Arguments of the main job.
 #[derive(Debug, Args)]
 pub struct Animate {
-    /// The mesh to animate: OBJ, PLY or STL (also .gz)
+    /// The mesh to animate: OBJ, PLY, STL, OFF, glTF or GLB (also .gz and .zip)
     pub scan: PathBuf,
-    /// The motion: C3D markers, or a table of handles (see --handles) in a .csv file
+    /// The motion: markers in C3D, TRC or CSV (also .gz), or a table of handles (see --handles) in a .csv file
     pub capture: PathBuf,
     /// What to write; the extension is the format: .glb, .pc2, or .ply/.obj with a run of # for the frame number (repeatable)
     #[arg(short, long = "out", value_name = "FILE", required = true)]
@@ -70,11 +73,27 @@ pub struct Animate {
     #[arg(long, hide_short_help = true, value_name = "FILE.csv")]
     pub handles: Option<PathBuf>,
 
+    /// Let a handle of a table hold a part of the scan and prescribe its place and orientation, for example lid=group:lid; without, a handle that turns
+    /// holds what surrounds it (repeatable)
+    #[arg(long, hide_short_help = true, value_name = "NAME=WHAT")]
+    pub hold: Vec<Hold>,
+
+    /// The same, to rounding: the part is rigid and exactly where the handle puts it; where the handle has no row, it stays
+    #[arg(long, hide_short_help = true, value_name = "NAME=WHAT")]
+    pub hold_exact: Vec<Hold>,
+
     /// Only these frames, inclusive, in the capture's own numbering (for example 120..480)
     #[arg(long, value_name = "A..B", value_parser = parse_frames, help_heading = "Time", allow_hyphen_values = true)]
     pub frames: Option<(i64, i64)>,
 
-    /// Frames per second where the capture is a table of handles
+    /// Write so many frames per second: positions are interpolated by cubics between the frames of the capture. Frames are counted on from the
+    /// first one, which keeps its number; --frames and --ref stay in the capture's own numbering
+    #[arg(long, value_name = "N", value_parser = parse_rate, help_heading = "Time")]
+    pub fps: Option<f64>,
+    /// Weaken motion of the markers faster than this, without a shift in time (6 to 12 Hz for a person; default: off)
+    #[arg(long, value_name = "HZ", value_parser = parse_positive, help_heading = "Time")]
+    pub smooth: Option<f64>,
+    /// Frames per second where the capture does not say: tables of handles, tables of markers without times, sequences of meshes
     #[arg(long, hide_short_help = true, value_name = "HZ", default_value_t = 30.0, value_parser = parse_positive, help_heading = "Time")]
     pub rate: f64,
 
@@ -87,9 +106,18 @@ pub struct Animate {
     /// A static trial of the same markers to take the reference frame from
     #[arg(long, value_name = "FILE.c3d", help_heading = "Placement")]
     pub ref_file: Option<PathBuf>,
+    /// Take the bones or rigid bodies of a capture that holds markers too (Motive's CSV, rotations in C3D)
+    #[arg(long, hide_short_help = true, help_heading = "Placement")]
+    pub bodies: bool,
     /// Which subject, where the capture holds several
     #[arg(long, hide_short_help = true, value_name = "NAME", help_heading = "Placement")]
     pub subject: Option<String>,
+    /// Which animation, where the capture holds several (default: the longest)
+    #[arg(long, hide_short_help = true, value_name = "NAME", help_heading = "Capture")]
+    pub clip: Option<String>,
+    /// The skeleton of an AMC capture (default: found beside it)
+    #[arg(long, hide_short_help = true, value_name = "FILE.asf", help_heading = "Capture")]
+    pub skeleton: Option<PathBuf>,
     /// Size of the scan against the captured body, both in metres (1 = the same), instead of fitting it
     #[arg(long, hide_short_help = true, value_name = "X", value_parser = parse_positive, help_heading = "Placement")]
     pub scale: Option<f64>,
@@ -133,7 +161,8 @@ pub struct Animate {
     /// How scan vertices and handles follow the proxy: ring-averaged gradients, or the paper's formulas to the letter
     #[arg(long, hide_short_help = true, value_enum, default_value_t = Map::Ring, help_heading = "Proxy")]
     pub map: Map,
-    /// Keep the shape of a part of the scan, for example ends (head, hands and feet of a person) or group:armor_* (repeatable)
+    /// Keep the shape of a part of the scan, for example group:armor_* (repeatable). Head, hands and feet of a person keep theirs where few markers are
+    /// on them; --stiffness ends=1 lets them bend
     #[arg(long, value_name = "WHAT", help_heading = "Parts")]
     pub rigid: Vec<Selector>,
     /// Make a part of the scan stiffer (above 1) or softer, for example upper_arms=3 against arms that bow (repeatable, later ones win)
@@ -239,6 +268,13 @@ fn parse_frames(text: &str) -> Result<(i64, i64), String> {
 
 fn parse_finite(text: &str) -> Result<f64, String> {
     text.parse::<f64>().ok().filter(|x| x.is_finite()).ok_or_else(|| "expected a number".into())
+}
+
+fn parse_rate(text: &str) -> Result<f64, String> {
+    parse_positive(text)
+        .ok()
+        .filter(|r| (0.01..=1000.0).contains(r))
+        .ok_or_else(|| "expected 0.01 to 1000 frames per second".into())
 }
 
 fn parse_positive(text: &str) -> Result<f64, String> {

@@ -4,7 +4,7 @@ use super::animate::is_table;
 use super::args::Animate;
 use crate::binding::Binding;
 use crate::capture::Capture;
-use crate::deform::Handle;
+use crate::deform::{Grip, OrientedHandle};
 use crate::error::Notes;
 use crate::export::Written;
 use crate::pipeline::Outcome;
@@ -15,7 +15,7 @@ use std::ops::Range;
 use std::path::Path;
 
 pub(super) fn bind_line(args: &Animate, binding: &Binding) -> String {
-    let handles = binding.handles.len() - binding.decisions.bound;
+    let handles = binding.handles.len() + binding.turning.handles.len() - binding.decisions.bound;
     match (is_table(&args.capture), handles) {
         (true, n) => format!("{}, fixed to the scan where they are in their first frames", words::plural(n, "handle")),
         (false, 0) => binding.decisions.bind_line(),
@@ -45,18 +45,28 @@ pub(super) fn scan_line(args: &Animate, scan: &Scan, binding: &Binding) -> Strin
 
 pub(super) fn capture_line(args: &Animate, capture: &Capture, binding: &Binding) -> String {
     let mut parts = vec![
-        capture_counts(capture, if is_table(&args.capture) { "handle" } else { capture.motion.noun() }),
+        capture_counts(capture, binding, is_table(&args.capture)),
         binding.decisions.capture_words(),
         capture.cleaning.to_string(),
+        args.smooth.map_or_else(String::new, |hz| format!("smoothed at {} Hz", words::digits(hz))),
+        args.fps.map_or_else(String::new, |fps| format!("resampled to {} Hz", words::digits(fps))),
     ];
     parts.retain(|p| !p.is_empty());
     format!("{}  {}", file_name(&args.capture), parts.join(" · "))
 }
 
-fn capture_counts(capture: &Capture, noun: &str) -> String {
-    let take = capture.motion.points();
+fn capture_counts(capture: &Capture, binding: &Binding, table: bool) -> String {
+    let (take, turning) = (capture.motion.points(), &binding.turning);
+    let points_of_tables = binding.handles.len() - binding.decisions.bound;
+    let what = if table {
+        words::plural(points_of_tables + turning.handles.len(), "handle")
+    } else {
+        // Trajectories of their own leave the capture's points as they are.
+        let added = if binding.trajectories.is_none() { points_of_tables } else { 0 };
+        words::plural(take.markers() - added, capture.motion.noun())
+    };
     let rate = words::digits((capture.rate * 1000.0).round() / 1000.0);
-    format!("{}, {} at {rate} Hz", words::plural(take.markers(), noun), words::plural(take.frames(), "frame"))
+    format!("{what}, {} at {rate} Hz", words::plural(take.frames().max(turning.frames()), "frame"))
 }
 
 /// A range that reaches beyond the take is cut to it.
@@ -90,6 +100,8 @@ pub(super) fn binding_details(binding: &Binding) -> Vec<String> {
         let doubt = if h.beta < 1.0 { "  (doubtful: soft)" } else { "" };
         format!("{:<12} {segment}{doubt}", h.label)
     });
+    let turning = binding.turning.handles.iter().map(|h| format!("{:<12} moves and turns what it holds", h.name));
+    let bound = bound.chain(turning);
     bound.chain(binding.unbound.iter().map(|(label, reason)| format!("{label:<12} not bound: {reason}"))).collect()
 }
 
@@ -100,6 +112,8 @@ pub(super) fn binding_json(binding: &Binding, unit_box: UnitBox) -> Value {
     json!({
         "align": d.align.to_string(),
         "on_skin": d.on_skin,
+        "reference_is_rest": d.reference_rest,
+        "points": d.noun,
         "reference_frame": d.reference_frame,
         "reference_capture": d.reference_capture,
         "scale": d.scale,
@@ -126,6 +140,16 @@ pub(super) fn binding_json(binding: &Binding, unit_box: UnitBox) -> Value {
         })).collect::<Vec<_>>(),
         "unbound": binding.unbound.iter().map(|(label, reason)| json!({ "label": label, "reason": reason })).collect::<Vec<_>>(),
     })
+}
+
+/// How an oriented handle holds the scan, for the report.
+pub(super) fn oriented_json(handle: &OrientedHandle, unit_box: UnitBox) -> Value {
+    let (grip, vertices) = match &handle.grip {
+        Grip::Frame { rows, .. } => ("surroundings", rows[0].indices.len()),
+        Grip::Region { vertices, .. } => ("part", vertices.len()),
+        Grip::Exact { vertices } => ("part, exactly", vertices.len()),
+    };
+    json!({ "label": handle.name, "rest": unit_box.leave(handle.rest).to_array(), "holds": grip, "proxy_vertices": vertices })
 }
 
 pub(super) fn solve_line(args: &Animate) -> String {
@@ -165,7 +189,7 @@ fn length(scan_units: f64, metres: Option<f64>) -> String {
     }
 }
 
-pub(super) fn done_line(outcome: &Outcome, total: f64, handles: &[Handle], metres: Option<f64>, diagonal: f64) -> String {
+pub(super) fn done_line(outcome: &Outcome, total: f64, names: &[&str], metres: Option<f64>, diagonal: f64) -> String {
     let residual =
         |mm: f64| if metres.is_some() { format!("{} mm", words::digits(mm)) } else { format!("{} units", words::digits(mm)) };
     let mut parts = vec![words::seconds(total)];
@@ -174,7 +198,7 @@ pub(super) fn done_line(outcome: &Outcome, total: f64, handles: &[Handle], metre
             "residual median {}, worst {} ({}, frame {frame})",
             residual(outcome.residuals.quantile(0.5)),
             residual(worst),
-            handles[handle].name
+            names[handle]
         ));
     }
     parts.push(format!("volume {:.1}–{:.1} %", outcome.volume.0 * 100.0, outcome.volume.1 * 100.0));

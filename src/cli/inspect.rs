@@ -1,10 +1,13 @@
 //! `retarget inspect`: what is in scans, captures and outputs.
 
+mod takes;
+
 use super::args::Inspect;
 use super::console::Console;
+use crate::binding;
 use crate::binding::landmarks::{self, Body, NotHuman};
-use crate::capture::{self, Motion, ReadOptions, Rest, SkeletonTake};
-use crate::error::{Error, Notes, Result};
+use crate::error::{Error, Kind, Notes, Result};
+use crate::proxy::medit;
 use crate::scan::{self, UnitBox};
 use crate::words;
 use anstream::println;
@@ -25,7 +28,7 @@ struct Found {
 pub(super) fn run(args: &Inspect, console: &Console) -> Result<()> {
     let mut failure = Ok(());
     for path in &args.files {
-        match look(path) {
+        match look(path, args.ascii) {
             Ok(found) => {
                 print(args, path, &found);
                 found.notes.iter().for_each(|text| console.warning(&format!("{}: {text}", path.display())));
@@ -50,17 +53,39 @@ fn print(args: &Inspect, path: &Path, found: &Found) {
     }
 }
 
-fn look(path: &Path) -> Result<Found> {
+fn look(path: &Path, ascii: bool) -> Result<Found> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let mut head = [0; 12];
     let mut file = File::open(path).map_err(|e| Error::unreadable(path, &e))?;
     let length = file.read(&mut head).map_err(|e| Error::unreadable(path, &e))?;
     match &head[..length] {
         b"POINTCACHE2\0" => cache(path),
-        [b'g', b'l', b'T', b'F', ..] => binary_gltf(path),
-        _ if [".obj", ".ply", ".stl", ".obj.gz", ".ply.gz", ".stl.gz"].iter().any(|e| name.ends_with(e)) => mesh(path),
-        _ => take(path),
+        [b'g', b'l', b'T', b'F', ..] => with_motion(mesh(path), path, ascii),
+        [b'P', b'K', 3, 4, ..] => mesh(path),
+        _ if [".gltf", ".glb"].iter().any(|e| name.trim_end_matches(".gz").ends_with(e)) => with_motion(mesh(path), path, ascii),
+        _ if [".obj", ".ply", ".stl", ".off"].iter().any(|e| name.trim_end_matches(".gz").ends_with(e)) => mesh(path),
+        _ if name.trim_end_matches(".gz").ends_with(".mesh") => proxy(path),
+        _ => takes::look(path, ascii),
     }
+}
+
+/// Adds the animation of joints that a glTF file holds, if any, to what else is in it.
+fn with_motion(found: Result<Found>, path: &Path, ascii: bool) -> Result<Found> {
+    let (mut found, motion) = match (found, takes::look(path, ascii)) {
+        (Ok(found), Ok(motion)) => (found, motion),
+        (Ok(mut found), Err(error)) => {
+            if error.kind == Kind::Malformed {
+                found.notes.warn(format!("its motion cannot be read: {}", error.found));
+            }
+            return Ok(found);
+        }
+        (found, Err(_)) => return found,
+        (Err(_), Ok(motion)) => return Ok(motion),
+    };
+    found.lines.extend(motion.lines);
+    found.value["capture"] = motion.value;
+    found.notes.extend(motion.notes);
+    Ok(found)
 }
 
 fn mesh(path: &Path) -> Result<Found> {
@@ -92,8 +117,11 @@ fn mesh(path: &Path) -> Result<Found> {
         ),
         body_words(&body, unit_box),
     ];
-    if let Some(unit) = scan.space.unit {
-        lines.push(format!("unit {} ({})", unit.value, unit.how));
+    let unit = body.as_ref().map_or(scan.space.unit, |b| binding::unit_of_body(b, unit_box.diagonal, scan.space.unit));
+    let up = scan.space.up.map(|u| format!("{} up ({})", u.value, u.how));
+    let stated: Vec<String> = unit.map(|u| format!("unit {} ({})", u.value, u.how)).into_iter().chain(up).collect();
+    if !stated.is_empty() {
+        lines.push(stated.join(" · "));
     }
     let value = json!({
         "kind": "scan",
@@ -102,10 +130,12 @@ fn mesh(path: &Path) -> Result<Found> {
         "box": [round(lo), round(hi)],
         "diagonal": unit_box.diagonal,
         "materials": look.materials.iter().map(|m| m.name.clone()).collect::<Vec<_>>(),
+        "up": scan.space.up.map(|u| u.value.to_string()),
         "groups": look.groups.iter().map(|g| g.group.clone().or(g.object.clone())).collect::<Vec<_>>(),
         "uv": !look.uvs.is_empty(),
         "vertex_colors": !look.colors.is_empty(),
-        "unit": scan.space.unit.map(|u| u.value.to_string()),
+        "unit": unit.map(|u| u.value.to_string()),
+        "unit_from": unit.map(|u| u.how.to_string()),
         "body": body.ok().map(|b| json!({
             "stature": b.stature * unit_box.diagonal,
             "up": round(b.up),
@@ -116,6 +146,20 @@ fn mesh(path: &Path) -> Result<Found> {
         })),
     });
     Ok(Found { value, lines, notes: scan.notes })
+}
+
+/// A tetrahedral proxy.
+fn proxy(path: &Path) -> Result<Found> {
+    let (vertices, tetrahedra) = medit::look(path)?;
+    let (lo, hi) = vertices.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
+    let lines = vec![
+        format!("proxy · {} · {} tetrahedra", words::plural(vertices.len(), "vertex"), words::count(tetrahedra)),
+        format!("box {} .. {}", triple(lo), triple(hi)),
+    ];
+    let value = json!({
+        "kind": "proxy", "vertices": vertices.len(), "tetrahedra": tetrahedra, "box": [lo.to_array(), hi.to_array()],
+    });
+    Ok(Found { value, lines, notes: Notes::default() })
 }
 
 fn triple(v: DVec3) -> String {
@@ -137,71 +181,6 @@ fn body_words(body: &std::result::Result<Body, NotHuman>, unit_box: UnitBox) -> 
     }
 }
 
-fn take(path: &Path) -> Result<Found> {
-    let capture = capture::read(path, &ReadOptions::default())?;
-    let take = capture.motion.points();
-    let last = capture.first_frame + take.frames() as i64 - 1;
-    let missing = take.points.iter().filter(|p| p[0].is_nan()).count();
-    let share = missing as f64 / take.points.len().max(1) as f64;
-    let mut lines = vec![
-        format!("capture · {}", capture.summary()),
-        format!("subject {} · frames {}..{last}", capture.name, capture.first_frame),
-        format!("{} % of the positions missing after cleaning", words::digits(share * 100.0)),
-        format!("markers {}", take.labels.join(" ")),
-    ];
-    let bones = match &capture.motion {
-        Motion::Skeleton(skeleton) => {
-            lines.pop();
-            lines.extend(bone_lines(skeleton));
-            Some(bones(skeleton))
-        }
-        _ => None,
-    };
-    let value = json!({
-        "kind": "capture",
-        "name": capture.name,
-        "frames": take.frames(),
-        "first_frame": capture.first_frame,
-        "rate": capture.rate,
-        "markers": take.labels,
-        "skeleton": bones,
-        "missing": share,
-        "unit": capture.space.unit.map(|u| u.value.to_string()),
-        "up": capture.space.up.map(|u| u.value.to_string()),
-    });
-    Ok(Found { value, lines, notes: capture.notes })
-}
-
-/// The hierarchy, the rest pose and the ranges of a skeleton, for people.
-fn bone_lines(skeleton: &SkeletonTake) -> Vec<String> {
-    let count = |wanted: fn(&capture::Joint) -> bool| skeleton.joints.iter().filter(|j| wanted(j)).count();
-    let (low, high) = skeleton.range();
-    vec![
-        format!(
-            "{}, {}, {}, depth {}",
-            words::plural(count(|j| !j.end), "joint"),
-            words::plural(count(|j| j.parent.is_none()), "root"),
-            words::plural(count(|j| j.end), "bone end"),
-            skeleton.depth(),
-        ),
-        format!("rest pose {}", skeleton.rest),
-        format!("range {} .. {}", triple(low), triple(high)),
-        format!("joints {}", skeleton.joints.iter().filter(|j| !j.end).map(|j| j.name.as_str()).collect::<Vec<_>>().join(" ")),
-    ]
-}
-
-/// The same for programs.
-fn bones(skeleton: &SkeletonTake) -> Value {
-    let (low, high) = skeleton.range();
-    json!({
-        "parents": skeleton.joints.iter().map(|j| j.parent).collect::<Vec<_>>(),
-        "ends": skeleton.joints.iter().map(|j| j.end).collect::<Vec<_>>(),
-        "depth": skeleton.depth(),
-        "rest": (skeleton.rest != Rest::Unknown).then(|| skeleton.rest.to_string()),
-        "range": [low.to_array(), high.to_array()],
-    })
-}
-
 fn cache(path: &Path) -> Result<Found> {
     let unreadable = |e: std::io::Error| Error::unreadable(path, &e);
     let mut head = [0; 32];
@@ -218,42 +197,4 @@ fn cache(path: &Path) -> Result<Found> {
     }
     let lines = vec![format!("cache · {} points, {} samples", words::count(points as usize), words::count(samples as usize))];
     Ok(Found { value: json!({ "kind": "cache", "points": points, "samples": samples }), lines, notes: Notes::default() })
-}
-
-fn binary_gltf(path: &Path) -> Result<Found> {
-    let unreadable = |e: std::io::Error| Error::unreadable(path, &e);
-    let bytes = std::fs::read(path).map_err(unreadable)?;
-    let broken = |what: &str| Error::malformed(what).file(path).expected("a binary glTF 2.0 file");
-    let word = |at: usize| bytes.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
-    let length = word(12).ok_or_else(|| broken("the header is cut short"))?;
-    let text = bytes.get(20..20usize.saturating_add(length)).ok_or_else(|| broken("the JSON chunk is cut short"))?;
-    let json: Value = serde_json::from_slice(text).map_err(|e| broken(&format!("the JSON chunk is broken: {e}")))?;
-    let list = |key: &str| json[key].as_array().cloned().unwrap_or_default();
-    let count =
-        |accessor: &Value| accessor.as_u64().and_then(|i| json["accessors"][i as usize]["count"].as_u64()).unwrap_or(0) as usize;
-    let primitives: Vec<Value> =
-        list("meshes").iter().flat_map(|m| m["primitives"].as_array().cloned().unwrap_or_default()).collect();
-    let vertices: usize = primitives.iter().map(|p| count(&p["attributes"]["POSITION"])).sum();
-    let triangles: usize = primitives.iter().map(|p| count(&p["indices"]) / 3).sum();
-    let joints: usize = list("skins").iter().map(|s| s["joints"].as_array().map_or(0, Vec::len)).sum();
-    let keys = list("animations")
-        .iter()
-        .flat_map(|a| a["samplers"].as_array().cloned().unwrap_or_default())
-        .map(|s| count(&s["input"]))
-        .max()
-        .unwrap_or(0);
-    let lines = vec![format!(
-        "glTF · {} in {}, {} · {} · {} · {}",
-        words::plural(vertices, "vertex"),
-        words::plural(primitives.len(), "primitive"),
-        words::plural(triangles, "triangle"),
-        words::plural(joints, "joint"),
-        words::plural(keys, "key"),
-        words::plural(list("materials").len(), "material")
-    )];
-    let value = json!({
-        "kind": "gltf", "vertices": vertices, "primitives": primitives.len(), "triangles": triangles, "joints": joints, "keys": keys,
-        "materials": list("materials").len(),
-    });
-    Ok(Found { value, lines, notes: Notes::default() })
 }

@@ -6,7 +6,7 @@
 use super::files::{Sequence, relative};
 use super::{Cancel, FrameBatch, FrameSink, Header, Needs, Written};
 use crate::error::{Notes, Result};
-use crate::scan::{Group, Material, NONE, Scan, UnitBox, folder_of, locate, statements};
+use crate::scan::{Group, Image, Material, NONE, Scan, UnitBox, folder_of, locate, statements};
 use crate::surface::NormalVertices;
 use glam::Vec3;
 use rayon::prelude::*;
@@ -221,11 +221,13 @@ fn line(text: &mut String, keyword: &str, name: Option<&str>) {
     text.push('\n');
 }
 
-/// The libraries that the frames name: the scan's, as seen from the frames, or as written where they are missing; else an own one.
+/// The libraries that the frames name: the scan's, as seen from the frames, or as written where they are missing; else an own one, if the
+/// materials say more than their names.
 fn libraries(scan: &Scan, sequence: &Sequence) -> Result<Vec<String>> {
     let look = &scan.look;
-    if look.material_libraries.is_empty() && look.materials.iter().any(|m| m.base_color_texture.is_some()) {
-        let text = library(&look.materials, sequence.folder());
+    let telling = |m: &Material| *m != Material { name: m.name.clone(), ..Material::default() };
+    if look.material_libraries.is_empty() && look.materials.iter().any(telling) {
+        let text = library(&look.materials, sequence)?;
         sequence.write_companion(LIBRARY, text.as_bytes())?;
         return Ok(vec![sequence.companion_name(LIBRARY)]);
     }
@@ -236,18 +238,32 @@ fn libraries(scan: &Scan, sequence: &Sequence) -> Result<Vec<String>> {
     Ok(look.material_libraries.iter().map(seen).collect())
 }
 
-fn library(materials: &[Material], folder: &Path) -> String {
+/// A library of the materials; images that lie in no file of their own are written beside it.
+fn library(materials: &[Material], sequence: &Sequence) -> Result<String> {
     let mut text = String::from("# written by retarget\n");
+    let mut written: Vec<&Image> = Vec::new();
     for Material { name, base_color: [r, g, b, a], base_color_texture, normal_texture, emissive, metallic, roughness, .. } in
         materials
     {
         let [er, eg, eb] = emissive;
         text += &format!("newmtl {name}\nKd {r} {g} {b}\nd {a}\nKe {er} {eg} {eb}\nPm {metallic}\nPr {roughness}\n");
         for (keyword, texture) in [("map_Kd", base_color_texture), ("norm", normal_texture)] {
-            if let Some(texture) = texture {
-                text += &format!("{keyword} {}\n", relative(folder, texture));
-            }
+            let file = match texture {
+                None => continue,
+                Some(Image::File(path)) => relative(sequence.folder(), path),
+                Some(image @ Image::Embedded { bytes, .. }) => {
+                    let number = written.iter().position(|w| *w == image).unwrap_or(written.len());
+                    let ending = if bytes.starts_with(&[0xFF, 0xD8]) { "jpg" } else { "png" };
+                    let companion = format!("texture{}.{ending}", number + 1);
+                    if number == written.len() {
+                        sequence.write_companion(&companion, bytes)?;
+                        written.push(image);
+                    }
+                    sequence.companion_name(&companion)
+                }
+            };
+            text += &format!("{keyword} {file}\n");
         }
     }
-    text
+    Ok(text)
 }

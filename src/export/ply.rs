@@ -5,7 +5,7 @@
 use super::files::{Sequence, relative};
 use super::{Cancel, FrameBatch, FrameSink, Header, Needs, Written};
 use crate::error::{Notes, Result};
-use crate::scan::{Appearance, NONE, Scan, UnitBox, statements};
+use crate::scan::{Appearance, Image, NONE, Scan, UnitBox, statements};
 use glam::Vec3;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -189,9 +189,11 @@ fn vertex_uvs(scan: &Scan) -> Option<Vec<[f32; 2]>> {
     Some(of_vertex.into_iter().map(|uv| if uv == NONE { [0.0; 2] } else { look.uvs[uv as usize] }).collect())
 }
 
-/// The texture of the scan, if there is just one.
+/// The texture of the scan, if there is just one and it is a file.
 fn only_texture(look: &Appearance) -> Option<&Path> {
-    let mut textures = look.materials.iter().filter_map(|m| m.base_color_texture.as_deref());
-    let first = textures.next()?;
-    textures.all(|t| t == first).then_some(first)
+    let mut textures = look.materials.iter().filter_map(|m| m.base_color_texture.as_ref());
+    match textures.next()? {
+        first @ Image::File(path) if textures.all(|t| t == first) => Some(path),
+        _ => None,
+    }
 }

@@ -194,6 +194,9 @@ impl Gltf {
         };
         if let Some(sparse) = &accessor.sparse {
             let Sparse { count, indices, values } = &**sparse;
+            if *count > accessor.count {
+                return Err(Error::malformed(format!("accessor {index} replaces {count} of {} rows", accessor.count)));
+            }
             let index_size = Type::of(indices.component_type)?.size();
             let places = self.rows(indices.buffer_view, indices.byte_offset, *count, index_size)?;
             let values = self.rows(values.buffer_view, values.byte_offset, *count, size)?;

@@ -108,11 +108,11 @@ pub(super) fn relative(uri: &str) -> Result<String> {
             .hint("download it, or pack everything into a GLB file"));
     }
     let path = uri.strip_prefix("file://").or_else(|| uri.strip_prefix("file:")).unwrap_or(uri);
-    Ok(unescape(path))
+    Ok(String::from_utf8(unescape(path)).unwrap_or_else(|_| path.to_owned()))
 }
 
 /// Percent escapes decoded; a lone percent sign stays.
-fn unescape(text: &str) -> String {
+fn unescape(text: &str) -> Vec<u8> {
     let bytes = text.as_bytes();
     let mut out = Vec::with_capacity(bytes.len());
     let mut at = 0;
@@ -122,7 +122,7 @@ fn unescape(text: &str) -> String {
         out.push(value.unwrap_or(bytes[at]));
         at += if value.is_some() { 3 } else { 1 };
     }
-    String::from_utf8(out).unwrap_or_else(|_| text.to_owned())
+    out
 }
 
 /// The bytes of a `data:` URI of any media type; `None` for any other URI.
@@ -132,7 +132,7 @@ pub(super) fn data_uri(uri: &str) -> Option<Result<Vec<u8>>> {
         return Some(Err(Error::malformed("a data URI without data")));
     };
     if !head.to_ascii_lowercase().ends_with(";base64") {
-        return Some(Ok(unescape(data).into_bytes()));
+        return Some(Ok(unescape(data)));
     }
     Some(base64(data.as_bytes()).ok_or_else(|| Error::malformed("a data URI with damaged base64 data")))
 }
@@ -189,7 +189,7 @@ mod tests {
     #[test]
     fn uris_are_data_or_files() {
         assert_eq!(data_uri("DATA:application/gltf-buffer;base64,Zm8=").unwrap().unwrap(), b"fo");
-        assert_eq!(data_uri("data:,a%20b").unwrap().unwrap(), b"a b");
+        assert_eq!(data_uri("data:,a%20b%fF%").unwrap().unwrap(), b"a b\xff%");
         assert!(data_uri("data:application/octet-stream;base64").unwrap().is_err());
         assert!(data_uri("file.bin").is_none());
         assert_eq!(relative("a%20b/c%C3%A4.bin").unwrap(), "a b/c\u{e4}.bin");

@@ -110,10 +110,9 @@ pub(crate) struct Mesh {
 }
 
 /// A part of a mesh with one material.
-#[derive(Debug, Default, serde::Deserialize)]
-#[serde(default)]
+#[derive(Debug, serde::Deserialize)]
 pub(crate) struct Primitive {
-    /// Accessors of the vertices.
+    /// Accessors of the vertices. Not left to a default: an entry then takes a size in the file that is comparable to this one's.
     pub(crate) attributes: Attributes,
     /// Accessor of the indices; without one the vertices are taken in order.
     pub(crate) indices: Option<u32>,
@@ -122,8 +121,10 @@ pub(crate) struct Primitive {
     /// 0 points, 1–3 lines, 4 triangles (also where it is missing), 5 strip, 6 fan.
     pub(crate) mode: Option<u32>,
     /// Morph targets.
+    #[serde(default)]
     pub(crate) targets: Box<[Present]>,
     /// Extensions.
+    #[serde(default)]
     pub(crate) extensions: PrimitiveExtensions,
 }
 
@@ -194,10 +195,10 @@ pub(crate) struct Animation {
 }
 
 /// What a sampler of an animation moves.
-#[derive(Debug, Default, serde::Deserialize)]
-#[serde(default)]
+#[derive(Debug, serde::Deserialize)]
 pub(crate) struct Channel {
     /// Index of the animation's sampler.
+    #[serde(default)]
     pub(crate) sampler: u32,
     /// Node and property.
     pub(crate) target: Target,

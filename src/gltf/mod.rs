@@ -5,9 +5,6 @@
 //!
 //! Source: Khronos Group, glTF 2.0 Specification (ISO/IEC 12113).
 
-// Scans and takes use different parts of it.
-#![allow(dead_code, unused_imports)]
-
 mod accessors;
 mod container;
 mod document;
@@ -17,7 +14,7 @@ pub(crate) mod tests;
 
 pub(crate) use container::is_binary;
 pub(crate) use document::*;
-pub(crate) use nodes::{Hierarchy, Turn};
+pub(crate) use nodes::{Hierarchy, Turn, affine};
 
 use crate::error::{Error, Kind, Result};
 use container::Buffer;
@@ -69,6 +66,11 @@ pub(crate) fn parse(bytes: &[u8], files: &Files<'_>) -> Result<Gltf> {
 }
 
 impl Gltf {
+    /// Bytes of all buffers.
+    pub(crate) fn bytes(&self) -> usize {
+        self.bytes
+    }
+
     /// The element `index` of one of the document's arrays; `what` names it in the error.
     pub(crate) fn get<'a, T>(items: &'a [T], index: u32, what: &str) -> Result<&'a T> {
         items

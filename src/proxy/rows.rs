@@ -1,8 +1,10 @@
 //! Points on and off the body as rows over proxy vertices: for handles, and face by face for the surface map.
 
+mod around;
 mod paper;
 mod ring;
 
+pub use around::Surroundings;
 pub use paper::TetMaps;
 pub(crate) use paper::wendland;
 pub use ring::RingMaps;

@@ -1,7 +1,11 @@
 //! Mesh files → [`Scan`]. One file per format; everything that the file says is kept in the file's own order, unit and axes.
 
+mod archive;
+mod beside;
+mod gltf;
 mod mtl;
 mod obj;
+mod off;
 mod ply;
 mod remarks;
 mod source;
@@ -9,6 +13,9 @@ mod stl;
 mod text;
 mod triangulate;
 mod weld;
+
+#[cfg(any(test, fuzzing))]
+pub(crate) mod fuzz;
 
 #[cfg(test)]
 mod broken_files;
@@ -19,14 +26,17 @@ mod mutants;
 
 use crate::error::{Error, Kind, Notes, Result};
 use crate::space::Space;
+use beside::Beside;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 pub(crate) use mtl::{folder_of, locate};
 pub(crate) use remarks::statements;
 pub use triangulate::Triangles;
 
-/// Reads a mesh file: OBJ with its material libraries, PLY, or STL, each also packed by gzip. The content decides, then the extension.
+/// Reads a mesh file: OBJ with its material libraries, PLY, STL, OFF, glTF or GLB; each also packed by gzip, or as the only mesh of a zip
+/// archive with what it needs beside it. The content decides, then the extension.
 ///
 /// Errors name the file and the place in it: it cannot be read, breaks its format, or has no faces. What is merely doubtful is in
 /// [`Scan::notes`].
@@ -35,14 +45,21 @@ pub fn read(path: &Path) -> Result<Scan> {
 }
 
 fn parse(path: &Path) -> Result<Scan> {
-    let bytes = source::load(path)?;
-    let mut scan = match source::format(path, &bytes)? {
-        source::Format::Obj => obj::read(&bytes, path)?,
-        source::Format::Ply => ply::read(&bytes, path)?,
-        source::Format::Stl => stl::read(&bytes, path)?,
-    };
+    let source::Content { bytes, name, beside } = source::load(path)?;
+    let mut scan = parse_bytes(&bytes, &name, &beside)?;
     scan.source = path.to_owned();
     Ok(scan)
+}
+
+/// Reads a mesh from its bytes; `path` names it in errors.
+fn parse_bytes(bytes: &[u8], path: &Path, beside: &Beside) -> Result<Scan> {
+    match source::format(path, bytes)? {
+        source::Format::Obj => obj::read(bytes, path, beside),
+        source::Format::Ply => ply::read(bytes, path, beside),
+        source::Format::Stl => stl::read(bytes, path),
+        source::Format::Off => off::read(bytes, path),
+        source::Format::Gltf => gltf::read(bytes, path, beside),
+    }
 }
 
 /// The error for a file without faces; `others`: what it holds instead.
@@ -154,6 +171,9 @@ pub struct Appearance {
     /// The file's normal index per corner, or [`NONE`]: corners of one vertex with different indices are a hard edge.
     /// The normals themselves are not kept, since they change with the pose.
     pub corner_normals: Vec<u32>,
+    /// Per vertex the first one that has its place and its normal in the file, itself where none has: formats with one set of looks per
+    /// vertex (glTF) repeat vertices along seams, where the surface is smooth nevertheless.
+    pub twins: Vec<u32>,
     /// RGBA per vertex, 0 to 1 as stored in the file (sRGB by convention).
     pub colors: Vec<[f32; 4]>,
     /// Whether the file's colours have an alpha.
@@ -179,6 +199,20 @@ pub struct Group {
     pub group: Option<String>,
 }
 
+/// Where an image is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Image {
+    /// A file, resolved against the scan's folder.
+    File(PathBuf),
+    /// Held by the scan's own file.
+    Embedded {
+        /// Its name there.
+        name: String,
+        /// The encoded image.
+        bytes: Arc<[u8]>,
+    },
+}
+
 /// A surface material in the terms that glTF can carry.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
@@ -186,10 +220,10 @@ pub struct Material {
     pub name: String,
     /// Linear RGBA factor.
     pub base_color: [f32; 4],
-    /// Image file of the base colour, resolved against the scan's folder.
-    pub base_color_texture: Option<PathBuf>,
-    /// Image file of the tangent-space normals.
-    pub normal_texture: Option<PathBuf>,
+    /// Image of the base colour.
+    pub base_color_texture: Option<Image>,
+    /// Image of the tangent-space normals.
+    pub normal_texture: Option<Image>,
     /// Emitted light, linear RGB.
     pub emissive: [f32; 3],
     /// 0 (dielectric) to 1 (metal).

@@ -2,14 +2,15 @@
 //!
 //! `Kd` and `Ke` are taken as linear light, as the usual OBJ to glTF converters do; the format itself does not say.
 
-use super::Material;
+use super::beside::Beside;
 use super::text::{Lines, Words, name, number};
+use super::{Image, Material};
 use crate::error::Notes;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Largest library in bytes that is read.
-const LARGEST: u64 = 64 << 20;
+const LARGEST: usize = 64 << 20;
 
 /// The folder of a file; `.` for a bare name.
 pub(crate) fn folder_of(path: &Path) -> &Path {
@@ -46,18 +47,19 @@ pub(super) struct Libraries {
 
 impl Libraries {
     /// Reads the libraries of the `mtllib` lines. A missing one is noted; it is no error.
-    pub(super) fn load(folder: &Path, lines: &[String], notes: &mut Notes) -> Self {
+    pub(super) fn load(beside: &Beside, lines: &[String], notes: &mut Notes) -> Self {
         let mut libraries = Self::default();
-        for file in lines.iter().flat_map(|line| names_in(folder, line)) {
+        for file in lines.iter().flat_map(|line| names_in(beside, line)) {
             if libraries.names.contains(&file) {
                 continue;
             }
-            match locate(folder, &file) {
+            match beside.read(&file) {
                 None => notes.warn(format!("material library '{file}' is missing: its materials are plain")),
-                Some(path) => match read(&path) {
-                    Ok(bytes) => libraries.materials.extend(parse(&bytes, folder_of(&path), notes)),
-                    Err(reason) => notes.warn(format!("material library '{file}' cannot be read: {reason}")),
-                },
+                Some(Ok((bytes, _))) if bytes.len() > LARGEST => {
+                    notes.warn(format!("material library '{file}' is larger than 64 MiB: its materials are plain"));
+                }
+                Some(Ok((bytes, around))) => libraries.materials.extend(parse(&bytes, &around, notes)),
+                Some(Err(reason)) => notes.warn(format!("material library '{file}': {}", reason.found)),
             }
             libraries.names.push(file);
         }
@@ -82,14 +84,14 @@ impl Libraries {
 }
 
 /// The file names in one `mtllib` line: one with blanks in it, or several.
-fn names_in(folder: &Path, line: &str) -> Vec<String> {
+fn names_in(beside: &Beside, line: &str) -> Vec<String> {
     if line.is_empty() {
         return Vec::new();
     }
     if let Some(quoted) = line.strip_prefix('"') {
         return quoted.split('"').map(str::trim).filter(|n| !n.is_empty()).map(str::to_owned).collect();
     }
-    if locate(folder, line).is_some() {
+    if beside.has(line) {
         return vec![line.to_owned()];
     }
     // A name ends where a word ends in '.mtl'; what has no such end is one name.
@@ -114,13 +116,6 @@ pub(super) fn unquoted(bytes: &[u8]) -> &[u8] {
     bytes.strip_prefix(b"\"").and_then(|b| b.strip_suffix(b"\"")).unwrap_or(bytes)
 }
 
-fn read(path: &Path) -> std::io::Result<Vec<u8>> {
-    if fs::metadata(path)?.len() > LARGEST {
-        return Err(std::io::Error::other("larger than 64 MiB"));
-    }
-    fs::read(path)
-}
-
 /// What a `newmtl` section says, before it is turned into a [`Material`].
 #[derive(Default)]
 struct Section {
@@ -139,8 +134,8 @@ struct Section {
     moved_texture: bool,
 }
 
-/// The materials of a library. Textures are looked for from `folder`; missing ones are noted and left out.
-fn parse(bytes: &[u8], folder: &Path, notes: &mut Notes) -> Vec<Material> {
+/// The materials of a library. Textures are looked for `beside` it; missing ones are noted and left out.
+pub(super) fn parse(bytes: &[u8], beside: &Beside, notes: &mut Notes) -> Vec<Material> {
     let mut sections: Vec<Section> = Vec::new();
     for line in Lines::new(bytes) {
         let mut words = Words::new(line);
@@ -154,7 +149,7 @@ fn parse(bytes: &[u8], folder: &Path, notes: &mut Notes) -> Vec<Material> {
     }
     let mut missing = Vec::new();
     let moved = sections.iter().filter(|s| s.moved_texture).count();
-    let materials = sections.into_iter().map(|s| s.material(folder, &mut missing)).collect();
+    let materials = sections.into_iter().map(|s| s.material(beside, &mut missing)).collect();
     if moved > 0 {
         notes.warn(format!("materials that move or scale their texture (-o, -s, -t), which is ignored: {moved}"));
     }
@@ -195,10 +190,10 @@ impl Section {
         }
     }
 
-    fn material(self, folder: &Path, missing: &mut Vec<String>) -> Material {
-        let mut find = |file: &Option<String>| {
+    fn material(self, beside: &Beside, missing: &mut Vec<String>) -> Material {
+        let mut find = |file: &Option<String>| -> Option<Image> {
             let file = file.as_ref()?;
-            let found = locate(folder, file);
+            let found = beside.image(file);
             if found.is_none() {
                 missing.push(file.clone());
             }
@@ -279,7 +274,7 @@ mod tests {
 
     fn one(text: &str, folder: &Path) -> (Material, Notes) {
         let mut notes = Notes::default();
-        (parse(text.as_bytes(), folder, &mut notes).remove(0), notes)
+        (parse(text.as_bytes(), &Beside::Folder(folder.to_owned()), &mut notes).remove(0), notes)
     }
 
     #[test]
@@ -313,8 +308,8 @@ mod tests {
         fs::write(dir.path().join("n.png"), b"").unwrap();
         let text = "newmtl a\nKd 0 0 0\nmap_Kd tex\\skin one.png\nmap_d tex\\skin one.png\nmap_Bump -bm 1 C:\\old\\n.png\n";
         let (m, notes) = one(text, dir.path());
-        assert_eq!(m.base_color_texture.unwrap(), dir.path().join("tex/Skin one.PNG"));
-        assert_eq!(m.normal_texture.unwrap(), dir.path().join("n.png"));
+        assert_eq!(m.base_color_texture.unwrap(), Image::File(dir.path().join("tex/Skin one.PNG")));
+        assert_eq!(m.normal_texture.unwrap(), Image::File(dir.path().join("n.png")));
         assert_eq!((m.base_color, m.blend), ([1.0; 4], true));
         assert!(notes.is_empty());
         let (m, notes) = one("newmtl a\nKd 0.5 0.5 0.5\nmap_Kd none.png\nbump height.png\n", dir.path());
@@ -326,11 +321,12 @@ mod tests {
     fn library_lines_hold_one_name_or_several() {
         let dir = tempfile::tempdir().unwrap();
         fs::write(dir.path().join("a b.mtl"), b"newmtl x\nKd 0 1 0\n").unwrap();
-        assert_eq!(names_in(dir.path(), "a b.mtl"), ["a b.mtl"]);
-        assert_eq!(names_in(dir.path(), "c.mtl two words.mtl"), ["c.mtl", "two words.mtl"]);
-        assert_eq!(names_in(dir.path(), "\"c d.mtl\" \"e.mtl\""), ["c d.mtl", "e.mtl"]);
+        let here = Beside::Folder(dir.path().to_owned());
+        assert_eq!(names_in(&here, "a b.mtl"), ["a b.mtl"]);
+        assert_eq!(names_in(&here, "c.mtl two words.mtl"), ["c.mtl", "two words.mtl"]);
+        assert_eq!(names_in(&here, "\"c d.mtl\" \"e.mtl\""), ["c d.mtl", "e.mtl"]);
         let mut notes = Notes::default();
-        let libraries = Libraries::load(dir.path(), &["a b.mtl".into(), "c.mtl".into()], &mut notes);
+        let libraries = Libraries::load(&here, &["a b.mtl".into(), "c.mtl".into()], &mut notes);
         assert_eq!(notes.iter().count(), 1);
         let mut materials = vec![Material { name: "x".into(), ..Material::default() }];
         libraries.fill(&mut materials, true, &mut notes);

@@ -1,6 +1,7 @@
 //! Wavefront OBJ.
 
-use super::mtl::{Libraries, folder_of, unquoted};
+use super::beside::Beside;
+use super::mtl::{Libraries, unquoted};
 use super::remarks::Remarks;
 use super::text::{Lines, Words, name, number, quote};
 use super::weld::{bits, first_equal};
@@ -10,13 +11,13 @@ use glam::DVec3;
 use std::collections::HashMap;
 use std::path::Path;
 
-/// Reads an OBJ file from its bytes; `path` tells where its material libraries are.
+/// Reads an OBJ file from its bytes; its material libraries lie `beside` it.
 ///
 /// Vertices, n-gons, uv and normal indices, groups and materials keep the file's order. Lines and points are skipped with a note, as are
 /// faces of fewer than three corners; faces that repeat a vertex are kept.
 ///
 /// Errors: a coordinate that is not a finite number, a vertex index that does not exist, no faces.
-pub(super) fn read(bytes: &[u8], path: &Path) -> Result<Scan> {
+pub(super) fn read(bytes: &[u8], path: &Path, beside: &Beside) -> Result<Scan> {
     if bytes[..bytes.len().min(4096)].contains(&0) {
         return Err(Error::malformed("not a text: it holds zero bytes").file(path).expected("an OBJ file"));
     }
@@ -44,7 +45,7 @@ pub(super) fn read(bytes: &[u8], path: &Path) -> Result<Scan> {
             reader.cut_short = true;
         }
     }
-    reader.finish(path).map_err(|e| e.file(path))
+    reader.finish(beside).map_err(|e| e.file(path))
 }
 
 #[derive(Default)]
@@ -275,7 +276,7 @@ impl Reader {
         }
     }
 
-    fn finish(mut self, path: &Path) -> Result<Scan> {
+    fn finish(mut self, beside: &Beside) -> Result<Scan> {
         let vertices = self.scan.mesh.positions.len();
         for (vertex, at) in std::mem::take(&mut self.forward) {
             if vertex as usize >= vertices && self.flaws.lines.last() != Some(&at) {
@@ -305,10 +306,10 @@ impl Reader {
         scale_notes.into_iter().for_each(|note| scan.notes.warn(note));
         scan.space = self.remarks.space(&mut scan.notes);
         let libraries = std::mem::take(&mut scan.look.material_libraries);
-        let folder = folder_of(path);
-        let found = Libraries::load(folder, &libraries, &mut scan.notes);
+        let found = Libraries::load(beside, &libraries, &mut scan.notes);
         found.fill(&mut scan.look.materials, !libraries.is_empty(), &mut scan.notes);
-        scan.look.material_libraries = found.names;
+        // What lies in an archive cannot be named from outside.
+        scan.look.material_libraries = if beside.is_archive() { Vec::new() } else { found.names };
         Ok(self.scan)
     }
 
@@ -476,7 +477,7 @@ mod tests {
     use super::*;
 
     fn parse(text: &str) -> Scan {
-        read(text.as_bytes(), Path::new("a.obj")).unwrap()
+        read(text.as_bytes(), Path::new("a.obj"), &Beside::Nothing).unwrap()
     }
 
     #[test]
@@ -535,13 +536,13 @@ mod tests {
     #[test]
     fn faces_may_come_before_their_vertices() {
         assert_eq!(parse("f 1 2 3\nv 0 0 0\nv 1 0 0\nv 0 1 0\n").mesh.faces.face(0), [0, 1, 2]);
-        let error = read(b"f 1 2 4\nv 0 0 0\nv 1 0 0\nv 0 1 0\n", Path::new("a.obj")).unwrap_err();
+        let error = read(b"f 1 2 4\nv 0 0 0\nv 1 0 0\nv 0 1 0\n", Path::new("a.obj"), &Beside::Nothing).unwrap_err();
         assert_eq!((error.found.as_str(), error.place.as_deref()), ("a face with vertex index 4 of 3 vertices", Some("line 1")));
     }
 
     #[test]
     fn vertices_cut_short_are_an_error_with_a_hint() {
-        let error = read(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nv 1 2", Path::new("a.obj")).unwrap_err();
+        let error = read(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nv 1 2", Path::new("a.obj"), &Beside::Nothing).unwrap_err();
         assert_eq!(error.place.as_deref(), Some("line 5"));
         assert!(error.hint.unwrap().contains("cut short"));
     }

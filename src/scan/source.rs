@@ -1,10 +1,13 @@
 //! The bytes of a mesh file, unpacked, and which format they are.
 
+use super::archive::{Archive, is_archive};
+use super::beside::{Beside, inside};
 use crate::error::{Error, Kind, Result};
 use flate2::bufread::MultiGzDecoder;
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
 /// The formats that can be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,34 +18,85 @@ pub(super) enum Format {
     Ply,
     /// Stereolithography, ascii or binary.
     Stl,
+    /// Geomview's object file format.
+    Off,
+    /// glTF, text or binary.
+    Gltf,
+}
+
+/// What is expected of a file.
+const EXPECTED: &str = "a mesh file: .obj, .ply, .stl, .off, .gltf or .glb, also as .gz or .zip";
+
+/// The content of a mesh file.
+pub(super) struct Content {
+    /// Its bytes, unpacked.
+    pub(super) bytes: Vec<u8>,
+    /// What messages call it; the extension tells the format where the content does not.
+    pub(super) name: PathBuf,
+    /// Files that it may name.
+    pub(super) beside: Beside,
 }
 
 /// Largest content in bytes: corner and vertex numbers are 32-bit, and no format needs less than one byte for one.
 const LARGEST: u64 = u32::MAX as u64;
 
 /// Unpacked bytes per packed byte above which a gzip file is refused. Meshes reach 3 to 30; deflate itself can reach 1030.
-const LARGEST_RATIO: u64 = 100;
+pub(super) const LARGEST_RATIO: u64 = 100;
 
 /// Unpacked bytes that are always allowed: a small file may well consist of repetitions.
-const ALWAYS_ALLOWED: u64 = 64 << 20;
+pub(super) const ALWAYS_ALLOWED: u64 = 64 << 20;
 
-/// The content of `path`; gzip is recognised by its signature and unpacked.
+/// The content of `path`; gzip and zip are recognised by their signatures and unpacked.
 ///
-/// Errors: unreadable, larger than 4 GiB, damaged gzip, or a gzip that unpacks to an absurd size.
-pub(super) fn load(path: &Path) -> Result<Vec<u8>> {
+/// Errors: unreadable, larger than 4 GiB, damaged, packed to an absurd ratio, or an archive that does not hold one mesh.
+pub(super) fn load(path: &Path) -> Result<Content> {
     let unreadable = |e: std::io::Error| Error::unreadable(path, &e);
     let file = File::open(path).map_err(unreadable)?;
     if file.metadata().map_err(unreadable)?.is_dir() {
-        return Err(Error::new(Kind::Unreadable, "is a folder")
-            .file(path)
-            .expected("a mesh file: .obj, .ply or .stl, also as .gz"));
+        return Err(Error::new(Kind::Unreadable, "is a folder").file(path).expected(EXPECTED));
     }
     let mut bytes = Vec::new();
     file.take(LARGEST + 1).read_to_end(&mut bytes).map_err(unreadable)?;
     if bytes.len() as u64 > LARGEST {
         return Err(too_large().file(path));
     }
-    if bytes.starts_with(&[0x1f, 0x8b]) { unpack(&bytes).map_err(|e| e.file(path)) } else { Ok(bytes) }
+    unwrap_packing(bytes, path).map_err(|e| if e.file.is_none() { e.file(path) } else { e })
+}
+
+/// Takes gzip or zip away, once.
+pub(super) fn unwrap_packing(bytes: Vec<u8>, path: &Path) -> Result<Content> {
+    if bytes.starts_with(&[0x1f, 0x8b]) {
+        return Ok(Content { bytes: unpack(&bytes)?, name: path.to_owned(), beside: Beside::of(path) });
+    }
+    if !is_archive(&bytes) {
+        return Ok(Content { bytes, name: path.to_owned(), beside: Beside::of(path) });
+    }
+    let archive = Rc::new(Archive::open(bytes)?);
+    let is_mesh = |name: &str| {
+        let base = name.rsplit('/').next().unwrap_or(name);
+        let known = ["obj", "ply", "stl", "off", "gltf", "glb"].contains(&extension(Path::new(base)).as_str());
+        // Copies that a Mac adds hold no mesh.
+        known && !base.starts_with("._") && !name.starts_with("__MACOSX/")
+    };
+    let meshes: Vec<_> = archive.files().filter(|e| is_mesh(&e.name)).collect();
+    let entry = match meshes[..] {
+        [one] => one,
+        [] => {
+            let names: Vec<_> = archive.files().take(5).map(|e| format!("'{}'", e.name)).collect();
+            let names = if names.is_empty() { "nothing".to_owned() } else { names.join(", ") };
+            return Err(
+                Error::new(Kind::Unsupported, format!("a zip archive without a mesh: it holds {names}")).expected(EXPECTED)
+            );
+        }
+        _ => {
+            let names: Vec<_> = meshes.iter().take(5).map(|e| format!("'{}'", e.name)).collect();
+            return Err(Error::new(Kind::Ambiguous, format!("a zip archive of {} meshes: {}", meshes.len(), names.join(", ")))
+                .expected("one mesh")
+                .hint("unpack the one that is meant"));
+        }
+    };
+    let bytes = archive.unpack(entry)?;
+    Ok(Content { bytes, name: inside(path, entry), beside: Beside::within(&archive, entry) })
 }
 
 fn too_large() -> Error {
@@ -70,14 +124,12 @@ fn unpack(packed: &[u8]) -> Result<Vec<u8>> {
 ///
 /// Errors: a known other format, or nothing that is known.
 pub(super) fn format(path: &Path, bytes: &[u8]) -> Result<Format> {
-    let foreign: [(&[u8], &str); 8] = [
-        (b"glTF", "a GLB file"),
+    let foreign: [(&[u8], &str); 6] = [
         (b"Kaydara FBX", "an FBX file"),
         (b"\x89PNG", "a PNG image"),
         (b"\xff\xd8\xff", "a JPEG image"),
-        (b"PK\x03\x04", "a zip archive (or USDZ, 3MF, XLSX)"),
+        (b"PK\x03\x04", "an archive in an archive"),
         (b"BLENDER", "a Blender file"),
-        (b"OFF", "an OFF file"),
         (b"PXR-USDC", "a USD file"),
     ];
     if let Some((_, what)) = foreign.iter().find(|(signature, _)| bytes.starts_with(signature)) {
@@ -86,23 +138,30 @@ pub(super) fn format(path: &Path, bytes: &[u8]) -> Result<Format> {
     if super::ply::is_ply(bytes) {
         return Ok(Format::Ply);
     }
+    if crate::gltf::is_binary(bytes) {
+        return Ok(Format::Gltf);
+    }
+    if super::off::is_off(bytes) {
+        return Ok(Format::Off);
+    }
     let extension = extension(path);
     match extension.as_str() {
         "obj" if super::stl::is_exact_binary(bytes) => Ok(Format::Stl),
         "obj" => Ok(Format::Obj),
         "stl" => Ok(Format::Stl),
+        "off" | "coff" | "noff" | "stoff" => Ok(Format::Off),
+        "gltf" => Ok(Format::Gltf),
+        "glb" => Err(Error::malformed("does not begin with 'glTF'").file(path).at("byte 0").expected("a GLB file")),
         "ply" => Err(Error::malformed("does not begin with the line 'ply'").file(path).at("line 1").expected("a PLY file")),
         _ if super::stl::is_exact_binary(bytes) || bytes.starts_with(b"solid") => Ok(Format::Stl),
+        _ if bytes.trim_ascii_start().starts_with(b"{") => Ok(Format::Gltf),
         _ if looks_like_obj(bytes) => Ok(Format::Obj),
         _ => Err(unknown(path, "not a known mesh format")),
     }
 }
 
 fn unknown(path: &Path, what: &str) -> Error {
-    Error::new(Kind::Unsupported, what)
-        .file(path)
-        .expected("a mesh file: .obj, .ply or .stl, also as .gz")
-        .hint("convert it to one of these")
+    Error::new(Kind::Unsupported, what).file(path).expected(EXPECTED).hint("convert it to one of these")
 }
 
 /// The extension in lower case, without a final `.gz`.
@@ -154,6 +213,10 @@ mod tests {
         assert_eq!(kind("a.stl", b"solid").unwrap(), Format::Stl);
         assert_eq!(kind("a", b"# x\nv 0 0 0").unwrap(), Format::Obj);
         assert_eq!(kind("a.ply", b"solid").unwrap_err().kind, Kind::Malformed);
+        assert_eq!(kind("a.obj", b"glTF\x02\0\0\0").unwrap(), Format::Gltf);
+        assert_eq!(kind("a.obj", b"# knight\nCOFF 1 1 1").unwrap(), Format::Off);
+        assert_eq!(kind("a", b" {\"asset\":").unwrap(), Format::Gltf);
+        assert!(kind("a.glb", b"{").is_err());
         assert!(kind("a.obj", b"\x89PNG\r\n").unwrap_err().found.contains("PNG"));
     }
 }

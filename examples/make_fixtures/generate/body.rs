@@ -15,6 +15,14 @@ pub struct Body {
     pub weights: Vec<[(usize, f64); 4]>,
 }
 
+impl Body {
+    /// Given vertices of a skin, without its quads, with their weights.
+    pub fn on(bones: &[Bone], points: Vec<DVec3>) -> Self {
+        let weights = points.iter().map(|&p| blend(bones, p)).collect();
+        Self { points, quads: Vec::new(), quad_bones: Vec::new(), weights }
+    }
+}
+
 /// A segment of the skeleton, from its joint to its end, with the joint that it hangs on.
 pub struct Bone {
     pub parent: usize,
@@ -239,8 +247,7 @@ pub fn build(cell: f64) -> Body {
     relax(&mut points, &quads, &shapes, cell);
     let quad_bones =
         quads.iter().map(|q| nearest_bone(&bones, q.iter().map(|&i| points[i as usize]).sum::<DVec3>() / 4.0)).collect();
-    let weights = points.iter().map(|&p| blend(&bones, p)).collect();
-    Body { points, quads, quad_bones, weights }
+    Body { quads, quad_bones, ..Body::on(&bones, points) }
 }
 
 /// Evens out the vertices along the surface and puts them back onto it.

@@ -1,9 +1,10 @@
-//! A generated human-like scan, and a take of a walk and a squat with a known answer.
+//! A generated human-like scan, and takes with a known answer: a walk and a squat by markers, a reach by handles that turn.
 
 pub mod body;
 pub mod files;
 pub mod markers;
 pub mod motion;
+pub mod reach;
 
 /// Size of a polygonization cell, metres: about twenty thousand vertices.
 const CELL: f64 = 0.0109;
@@ -21,6 +22,7 @@ pub fn all() -> Vec<(String, Vec<u8>)> {
         ("scan_skin.png".to_owned(), files::png()),
         ("scan_dirty.ply".to_owned(), files::dirty_ply(&body)),
         ("walk.c3d".to_owned(), markers::c3d(&body, &bones)),
+        ("reach.csv".to_owned(), reach::csv(&bones).into_bytes()),
     ];
     for frame in TRUE_FRAMES {
         out.push((format!("true_{:04}.ply", frame + 1), files::ply_points(&motion::skin(&body, &bones, frame))));

@@ -10,7 +10,7 @@ pub const RATE: f64 = 120.0;
 pub const FRAMES: usize = 372;
 
 /// Goes from 0 at `from` to 1 at `to` with level ends.
-fn ease(t: f64, from: f64, to: f64) -> f64 {
+pub fn ease(t: f64, from: f64, to: f64) -> f64 {
     let s = ((t - from) / (to - from)).clamp(0.0, 1.0);
     s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
 }
@@ -43,13 +43,17 @@ pub fn pose(bones: &[Bone], frame: usize) -> Vec<(DMat3, DVec3)> {
         local[LEG[side] + 1] = x(0.55 * walk * (1.0 - lag) * 0.8 + 1.95 * squat);
         local[LEG[side] + 2] = x(-0.15 * walk * lag - 0.68 * squat);
     }
+    let travel: f64 = (0..frame).map(|f| 1.15 / RATE * walking(f as f64 / RATE)).sum();
+    let bob = -0.025 * walk * (1.0 - (2.0 * phase).cos()) * 0.5 - 0.36 * squat;
+    chain(bones, &local, DVec3::new(0.02 * walk * phase.cos(), bob, travel - 0.10 * squat))
+}
+
+/// Rotation and origin of every bone, from turns against the parents and the shift of the pelvis.
+pub fn chain(bones: &[Bone], local: &[DQuat], shift: DVec3) -> Vec<(DMat3, DVec3)> {
     let mut out: Vec<(DMat3, DVec3)> = Vec::with_capacity(bones.len());
     for (b, bone) in bones.iter().enumerate() {
         if b == PELVIS {
-            let travel: f64 = (0..frame).map(|f| 1.15 / RATE * walking(f as f64 / RATE)).sum();
-            let bob = -0.025 * walk * (1.0 - (2.0 * phase).cos()) * 0.5 - 0.36 * squat;
-            let sway = DVec3::new(0.02 * walk * phase.cos(), bob, travel - 0.10 * squat);
-            out.push((DMat3::from_quat(local[b]), bone.from + sway));
+            out.push((DMat3::from_quat(local[b]), bone.from + shift));
         } else {
             let parent = &bones[bone.parent];
             let (rotation, origin) = out[bone.parent];
@@ -61,7 +65,11 @@ pub fn pose(bones: &[Bone], frame: usize) -> Vec<(DMat3, DVec3)> {
 
 /// The skin in a frame.
 pub fn skin(body: &Body, bones: &[Bone], frame: usize) -> Vec<DVec3> {
-    let pose = pose(bones, frame);
+    posed(body, bones, &pose(bones, frame))
+}
+
+/// The skin on bones in a pose.
+pub fn posed(body: &Body, bones: &[Bone], pose: &[(DMat3, DVec3)]) -> Vec<DVec3> {
     body.points
         .iter()
         .zip(&body.weights)

@@ -4,9 +4,11 @@
 //! length of the legs. What pulls the scan are points in and on its parts that move so.
 
 mod cast;
+mod form;
 mod grips;
 mod names;
 mod neutral;
+mod own;
 mod puppet;
 mod rig;
 mod stance;
@@ -20,7 +22,7 @@ use super::reference::frame_index;
 use super::segments::{Segment, Skeleton};
 use super::similarity::{Similarity, turn_between};
 use super::track::Track;
-use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, actor};
+use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, Turning, actor};
 use crate::capture::{Capture, MarkerTake, SkeletonTake};
 use crate::error::{Error, Notes, Result};
 use crate::space::{Evidence, Known};
@@ -151,21 +153,52 @@ pub(super) fn bind(
         segments: segments.to_vec(),
         decisions,
         trajectories: Some(trajectories),
+        turning: Turning::default(),
         notes,
     })
 }
 
+/// Binds a skeleton that lies in the scan at rest; `None` where it does not. `--align none` takes its word for it.
+pub(super) fn bind_own(
+    scan: &ScanShape<'_>,
+    body: Option<&Body>,
+    capture: &Capture,
+    take: &SkeletonTake,
+    options: &Options,
+) -> Option<Result<Binding>> {
+    let rig = Rig { take, mirror: options.mirror };
+    let factor = match (own::lies_in(scan, &rig, capture, options), options.align) {
+        (Some(factor), _) => factor,
+        (None, Align::None) => {
+            let unit = options.capture_unit.map(|u| Known::new(u, Evidence::User)).or(capture.space.unit);
+            options.scale.unwrap_or(1.0) * unit_factor(unit, scan_unit(scan, body, options))
+        }
+        _ => return None,
+    };
+    Some(own::bind(scan, body, capture, take, factor, options))
+}
+
 /// The parts of the joints and their lengths, or why this is no human skeleton.
 fn recognise(rig: &Rig<'_>, options: &Options, notes: &mut Notes) -> Result<(Cast, Lengths)> {
-    let _ = notes;
     let refusal = |what: String| {
         Error::refused(what)
             .expected("a person's skeleton: pelvis, chest, and on both sides shoulder, elbow, wrist, hip, knee and ankle")
             .hint("a skeleton with the usual names (Hips, LeftArm, LeftForeArm, …); --align none when it lies in the scan")
     };
-    let cast = cast::by_names(rig, options.swap_sides).map_err(|missing| {
-        refusal(format!("the joints are not those of a person as far as names tell: no {}", missing.join(", no ")))
-    })?;
+    let mut cast = match cast::by_names(rig, options.swap_sides) {
+        Ok(cast) => cast,
+        Err(missing) => {
+            let missing = missing.join(", no ");
+            let cast = form::cast(rig, options.swap_sides).ok_or_else(|| {
+                refusal(format!("the joints are not those of a person: by name there is no {missing}, and the form is another"))
+            })?;
+            notes.warn(format!("the names of the joints say too little (no {missing}): the form of the skeleton tells a person"));
+            cast
+        }
+    };
+    for side in 0..2 {
+        cast.legs[side].toe = neutral::pointing_toe(rig, &cast, side);
+    }
     let lengths = Lengths::of(rig, &cast).ok_or_else(|| refusal("no frame shows all joints of the limbs".to_owned()))?;
     let shortest =
         [lengths.thigh, lengths.shank, lengths.upper_arm, lengths.forearm, lengths.torso].into_iter().fold(f64::MAX, f64::min);
@@ -216,6 +249,7 @@ fn animate(puppet: &mut Puppet<'_>, body: &Skeleton, grips: &[Grip], frames: usi
     MarkerTake {
         labels: grips.iter().map(|g| g.label.clone()).collect(),
         points: places.into_iter().map(|p| (p + lift).to_array().map(|x| x as f32)).collect(),
+        ..MarkerTake::default()
     }
 }
 

@@ -6,11 +6,14 @@
 mod header;
 mod parameters;
 mod points;
+mod rotations;
 
+use super::SkeletonTake;
 use crate::error::{Error, Notes, Result};
 use crate::space::{Evidence, Known, Space};
 use header::{BLOCK, Header, Processor};
 use parameters::Parameters;
+use rotations::Rotations;
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
@@ -38,6 +41,10 @@ pub(super) struct C3d<R> {
     pub(super) subjects: Vec<String>,
     /// Unit and up axis, where the file says so.
     pub(super) space: Space,
+    /// Segments with turns, where the file has them.
+    rotations: Option<Rotations>,
+    /// Length of the file in bytes.
+    length: u64,
     /// Contradictions and what was believed.
     pub(super) notes: Notes,
 }
@@ -79,10 +86,19 @@ impl<R: Read + Seek> C3d<R> {
             None => Vec::new(),
         };
         let parameters = Parameters::parse(&section, processor);
-        check_points(&header, &parameters)?;
+        let rotations = Rotations::of(&header, &parameters, processor);
+        if rotations.is_none() {
+            check_points(&header)?;
+        }
         believe_scale(&mut header, &parameters, &mut notes)?;
-        let data_start = data_start(&header, &parameters, section_start, &section, &mut notes)?;
-        let whole = length.saturating_sub(data_start) / header.frame_bytes();
+        let data_start = match header.points {
+            0 => BLOCK,
+            _ => data_start(&header, &parameters, section_start, &section, &mut notes)?,
+        };
+        let whole = match (header.points, &rotations) {
+            (0, Some(rotations)) => rotations.frames(length),
+            _ => length.saturating_sub(data_start) / header.frame_bytes(),
+        };
         let (first_frame, frames) = frame_range(&header, &parameters, whole, &mut notes);
         if frames == 0 {
             return Err(Error::malformed(format!("the file ends after {length} bytes, before the first whole frame"))
@@ -117,8 +133,24 @@ impl<R: Read + Seek> C3d<R> {
             computed,
             subjects,
             space,
+            rotations,
+            length,
             notes,
         })
+    }
+
+    /// Whether the file has segments with turns.
+    pub(super) fn has_segments(&self) -> bool {
+        self.rotations.is_some()
+    }
+
+    /// Segments with turns, and their samples per second; `None` where the file has none.
+    pub(super) fn segments(&mut self) -> Result<Option<(SkeletonTake, f64)>> {
+        let Some(rotations) = self.rotations.take() else { return Ok(None) };
+        let samples = rotations.samples(self.frames as u64, self.length, &mut self.notes);
+        self.source.seek(SeekFrom::Start(rotations.start)).map_err(cannot_read)?;
+        let take = rotations.read(&mut self.source, samples, &mut self.notes).map_err(cannot_read)?;
+        Ok(Some((take, rotations.rate)))
     }
 
     /// Positions of the given points in every frame: frame-major, `frames × columns`, in the file's unit; missing ones are NaN.
@@ -159,16 +191,12 @@ fn bytes_at(source: &mut (impl Read + Seek), at: u64, count: u64) -> Result<Vec<
 }
 
 /// Refuses files without points and says what they hold instead.
-fn check_points(header: &Header, parameters: &Parameters<'_>) -> Result<()> {
+fn check_points(header: &Header) -> Result<()> {
     if header.points > 0 {
         return Ok(());
     }
     let unsupported = |found: String| Error::new(crate::error::Kind::Unsupported, found).expected("labelled points");
-    Err(if parameters.has_group("ROTATION") {
-        let segments = parameters.long_texts("ROTATION", "LABELS").len();
-        unsupported(format!("holds rotations of {segments} segments (group ROTATION, as markerless systems write) and no points"))
-            .hint("export the take with markers or joint positions")
-    } else if header.analog > 0 {
+    Err(if header.analog > 0 {
         unsupported(format!("holds only analog data ({} words per frame): nothing to animate", header.analog))
     } else {
         unsupported("holds no points: nothing to animate".into())

@@ -59,11 +59,6 @@ impl<'a> Parameters<'a> {
         (offset > 0).then_some(offset_at + offset)
     }
 
-    /// Whether a group of this name exists.
-    pub(super) fn has_group(&self, group: &str) -> bool {
-        self.groups.values().any(|name| name == group)
-    }
-
     /// The first parameter of this name: duplicates occur, and the first is the one that other readers take.
     fn find(&self, group: &str, name: &str) -> Option<&Parameter<'a>> {
         self.entries.iter().find(|p| p.name == name && self.groups.get(&p.group).is_some_and(|g| g == group))

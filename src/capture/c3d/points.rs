@@ -32,27 +32,66 @@ pub(super) fn read(
     columns: &[usize],
     frames: usize,
 ) -> io::Result<(Vec<[f32; 3]>, Doubtful)> {
-    let decode = Decoder { processor, real: header.scale < 0.0, scale: f64::from(header.scale) };
-    let mut buffer = vec![0; header.frame_bytes() as usize];
+    let size = header.frame_bytes() as usize;
+    let scale = f64::from(header.scale);
+    // One loop per encoding: what differs is decided outside of it.
+    match (processor, header.scale < 0.0) {
+        (Processor::Intel, true) => gather(source, size, columns, frames, |b| real(b, |v| Processor::Intel.f32(v))),
+        (Processor::Dec, true) => gather(source, size, columns, frames, |b| real(b, |v| Processor::Dec.f32(v))),
+        (Processor::Mips, true) => gather(source, size, columns, frames, |b| real(b, |v| Processor::Mips.f32(v))),
+        (Processor::Mips, false) => gather(source, size, columns, frames, |b| whole(b, scale, |v| Processor::Mips.i16(v))),
+        (_, false) => gather(source, size, columns, frames, |b| whole(b, scale, |v| Processor::Intel.i16(v))),
+    }
+}
+
+/// Coordinates of floats, and whether the fourth value marks the point as missing.
+fn real(b: &[u8; 16], value: impl Fn([u8; 4]) -> f32) -> ([f32; 3], bool) {
+    let at = |i: usize| value([b[4 * i], b[4 * i + 1], b[4 * i + 2], b[4 * i + 3]]);
+    ([at(0), at(1), at(2)], negative_as_integer(at(3)))
+}
+
+/// The same of integers.
+fn whole(b: &[u8; 8], scale: f64, value: impl Fn([u8; 2]) -> i16) -> ([f32; 3], bool) {
+    let at = |i: usize| value([b[2 * i], b[2 * i + 1]]);
+    ([0, 1, 2].map(|i| (f64::from(at(i)) * scale) as f32), at(3) < 0)
+}
+
+/// Reads frames of `size` bytes whose points are `BYTES` each.
+fn gather<const BYTES: usize>(
+    source: &mut impl Read,
+    size: usize,
+    columns: &[usize],
+    frames: usize,
+    decode: impl Fn(&[u8; BYTES]) -> ([f32; 3], bool),
+) -> io::Result<(Vec<[f32; 3]>, Doubtful)> {
+    /// Large reads go past the buffer of the reader.
+    const AT_ONCE: usize = 1 << 20;
+    let together = (AT_ONCE / size.max(1)).clamp(1, frames.max(1));
+    let mut buffer = vec![0; together * size];
     let mut points = Vec::with_capacity(frames * columns.len());
     let mut before = vec![[f32::NAN; 3]; columns.len()];
     let mut doubtful = Doubtful::default();
     let mut held = Vec::new();
     let mut trusted = 0;
-    let bytes = 4 * header.value_bytes() as usize;
-    for _ in 0..frames {
-        source.read_exact(&mut buffer)?;
-        for (column, before) in columns.iter().zip(&mut before) {
-            let (p, marked) = decode.point(&buffer[column * bytes..(column + 1) * bytes]);
-            let p = judge(p, &mut doubtful);
-            match marked {
-                _ if p[0].is_nan() => {}
-                false => trusted += 1,
-                true if p == *before => held.push(points.len()),
-                true => doubtful.marked_but_there += 1,
+    let mut left = frames;
+    while left > 0 {
+        let count = together.min(left);
+        source.read_exact(&mut buffer[..count * size])?;
+        left -= count;
+        for frame in buffer[..count * size].chunks_exact(size) {
+            let (values, _) = frame.as_chunks::<BYTES>();
+            for (column, before) in columns.iter().zip(&mut before) {
+                let (p, marked) = decode(&values[*column]);
+                let p = judge(p, &mut doubtful);
+                match marked {
+                    _ if p[0].is_nan() => {}
+                    false => trusted += 1,
+                    true if p == *before => held.push(points.len()),
+                    true => doubtful.marked_but_there += 1,
+                }
+                points.push(p);
+                *before = p;
             }
-            points.push(p);
-            *before = p;
         }
     }
     if trusted > 0 {
@@ -74,25 +113,6 @@ fn judge(p: [f32; 3], doubtful: &mut Doubtful) -> [f32; 3] {
         return MISSING;
     }
     p
-}
-
-struct Decoder {
-    processor: Processor,
-    real: bool,
-    scale: f64,
-}
-
-impl Decoder {
-    /// Coordinates, and whether the fourth value marks the point as missing.
-    fn point(&self, bytes: &[u8]) -> ([f32; 3], bool) {
-        if self.real {
-            let value = |i: usize| self.processor.f32([bytes[4 * i], bytes[4 * i + 1], bytes[4 * i + 2], bytes[4 * i + 3]]);
-            ([value(0), value(1), value(2)], negative_as_integer(value(3)))
-        } else {
-            let value = |i: usize| self.processor.i16([bytes[2 * i], bytes[2 * i + 1]]);
-            ([0, 1, 2].map(|i| (f64::from(value(i)) * self.scale) as f32), value(3) < 0)
-        }
-    }
 }
 
 /// The fourth value is two bytes (cameras, residual) even in float files, where some systems write it without its sign.

@@ -3,9 +3,9 @@
 use super::container::{Buffer, Target};
 use super::geometry::{Geometry, is_solid};
 use crate::error::Notes;
-use crate::scan::{Material, NONE, Scan};
+use crate::scan::{Image, Material, NONE, Scan};
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Materials, textures and images of a document.
 #[derive(Debug, Default)]
@@ -16,7 +16,7 @@ pub(crate) struct Looks {
     pub(crate) textures: Vec<Value>,
     /// Images.
     pub(crate) images: Vec<Value>,
-    files: Vec<(PathBuf, Option<usize>)>,
+    known: Vec<(Image, Option<usize>)>,
 }
 
 impl Looks {
@@ -29,12 +29,12 @@ impl Looks {
         for primitive in &geometry.primitives {
             let material = if primitive.material == NONE { None } else { scan.look.materials.get(primitive.material as usize) };
             let material = material.unwrap_or(&plain);
-            let mut texture = |file: &Option<PathBuf>, notes: &mut Notes| {
-                let file = file.as_deref()?;
+            let mut texture = |image: &Option<Image>, notes: &mut Notes| {
+                let image = image.as_ref()?;
                 if primitive.textured {
-                    looks.texture(file, buffer, notes)
+                    looks.texture(image, buffer, notes)
                 } else {
-                    notes.warn(format!("{}: not used, the faces have no texture coordinates", file.display()));
+                    notes.warn(format!("{}: not used, the faces have no texture coordinates", image.name()));
                     None
                 }
             };
@@ -45,30 +45,30 @@ impl Looks {
         looks
     }
 
-    /// The texture of an image file, once per file.
-    fn texture(&mut self, file: &Path, buffer: &mut Buffer, notes: &mut Notes) -> Option<usize> {
-        if let Some((_, known)) = self.files.iter().find(|(f, _)| f == file) {
+    /// The texture of an image, once per image.
+    fn texture(&mut self, image: &Image, buffer: &mut Buffer, notes: &mut Notes) -> Option<usize> {
+        if let Some((_, known)) = self.known.iter().find(|(i, _)| i == image) {
             return *known;
         }
-        let loaded = load(file);
+        let loaded = load(image);
         if let Err(reason) = &loaded {
-            notes.warn(format!("{}: texture left out: {reason}", file.display()));
+            notes.warn(format!("{}: texture left out: {reason}", image.name()));
         }
         let texture = loaded.ok().map(|(bytes, mime)| {
             let view = buffer.view(bytes, Target::Other);
-            let name = file.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+            let name = Path::new(&image.name()).file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
             self.images.push(json!({ "bufferView": view, "mimeType": mime, "name": name }));
             self.textures.push(json!({ "source": self.images.len() - 1 }));
             self.textures.len() - 1
         });
-        self.files.push((file.to_path_buf(), texture));
+        self.known.push((image.clone(), texture));
         texture
     }
 }
 
 /// Bytes of an image with its type, if glTF can hold it.
-fn load(file: &Path) -> Result<(Vec<u8>, &'static str), String> {
-    let bytes = std::fs::read(file).map_err(|e| e.to_string())?;
+fn load(image: &Image) -> Result<(Vec<u8>, &'static str), String> {
+    let bytes = image.read().map_err(|e| e.to_string())?;
     let mime = match bytes.as_slice() {
         [0x89, b'P', b'N', b'G', 0x0D, 0x0A, 0x1A, 0x0A, ..] => "image/png",
         [0xFF, 0xD8, 0xFF, ..] => "image/jpeg",
@@ -127,6 +127,7 @@ mod tests {
         std::fs::write(&png, b"\x89PNG\r\n\x1a\nrest").unwrap();
         let tga = folder.path().join("skin.tga");
         std::fs::write(&tga, b"TGA").unwrap();
+        let (png, tga) = (Image::File(png), Image::File(tga));
         let (mut looks, mut buffer, mut notes) = (Looks::default(), Buffer::default(), Notes::default());
         assert_eq!(looks.texture(&png, &mut buffer, &mut notes), Some(0));
         assert_eq!(looks.texture(&png, &mut buffer, &mut notes), Some(0));

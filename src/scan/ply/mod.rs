@@ -3,7 +3,7 @@
 mod header;
 mod values;
 
-use super::mtl::{folder_of, locate};
+use super::beside::Beside;
 use super::remarks::Remarks;
 use super::text::name;
 use super::weld::{bits, first_equal};
@@ -19,17 +19,17 @@ pub(super) fn is_ply(bytes: &[u8]) -> bool {
     bytes.starts_with(b"ply") && bytes.get(3).is_some_and(|b| b.is_ascii_whitespace())
 }
 
-/// Reads a PLY file from its bytes; `path` tells where its textures are.
+/// Reads a PLY file from its bytes; its textures lie `beside` it.
 ///
 /// Read are the elements `vertex` (position, colour, uv), `face` (n-gons, uv per corner, texture number) and `tristrips`; other elements
 /// and properties are passed over. Faces of fewer than three corners are skipped with a note.
 ///
 /// Errors: what the header announces is not there, an index that does not exist, a coordinate that is not finite, no faces.
-pub(super) fn read(bytes: &[u8], path: &Path) -> Result<Scan> {
-    parse(bytes, path).map_err(|e| e.file(path))
+pub(super) fn read(bytes: &[u8], path: &Path, beside: &Beside) -> Result<Scan> {
+    parse(bytes, beside).map_err(|e| e.file(path))
 }
 
-fn parse(bytes: &[u8], path: &Path) -> Result<Scan> {
+fn parse(bytes: &[u8], beside: &Beside) -> Result<Scan> {
     let (header, body) = header::parse(bytes)?;
     let mut values = Values::new(&header, body, bytes.len() - body.len());
     let mut body = Body::default();
@@ -53,7 +53,7 @@ fn parse(bytes: &[u8], path: &Path) -> Result<Scan> {
     if values.surplus > 0 {
         body.scan.notes.warn(format!("rows with more values than the header announces, which are ignored: {}", values.surplus));
     }
-    body.finish(&header, path)
+    body.finish(&header, beside)
 }
 
 #[derive(Default)]
@@ -254,7 +254,7 @@ impl Body {
         Ok(())
     }
 
-    fn finish(mut self, header: &Header, path: &Path) -> Result<Scan> {
+    fn finish(mut self, header: &Header, beside: &Beside) -> Result<Scan> {
         let vertices = self.scan.mesh.positions.len();
         if vertices == 0 {
             return Err(Error::malformed("no vertices").expected("a PLY file with the elements 'vertex' and 'face'"));
@@ -280,7 +280,7 @@ impl Body {
             return Err(super::nothing_to_animate(vertices, &[(edges, "edges")]));
         }
         self.uvs();
-        self.textures(header, path);
+        self.textures(header, beside);
         let scan = &mut self.scan;
         super::settle_colors(&mut scan.look).into_iter().for_each(|note| scan.notes.warn(note));
         let mut remarks = Remarks::default();
@@ -310,11 +310,11 @@ impl Body {
     }
 
     /// `comment TextureFile x.png`, as MeshLab and photogrammetry programs write it.
-    fn textures(&mut self, header: &Header, path: &Path) {
+    fn textures(&mut self, header: &Header, beside: &Beside) {
         let look = &mut self.scan.look;
         for file in header.comments.iter().filter_map(|c| c.strip_prefix(b"TextureFile")).map(name) {
             let stem = Path::new(&file).file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-            let found = locate(folder_of(path), &file);
+            let found = beside.image(&file);
             if found.is_none() {
                 self.scan.notes.warn(format!("texture '{file}' is missing"));
             }
@@ -352,7 +352,7 @@ mod tests {
     use super::*;
 
     fn parse_text(text: &str) -> Result<Scan> {
-        read(text.as_bytes(), Path::new("a.ply"))
+        read(text.as_bytes(), Path::new("a.ply"), &Beside::Nothing)
     }
 
     const TRIANGLE: &str = "0 0 0\n1 0 0\n0 1 0\n";
@@ -390,11 +390,11 @@ mod tests {
              property float y\nproperty float z\nelement face 2\nproperty list uchar int vertex_index\nproperty list uchar float texcoord\n\
              property int texnumber\nend_header\n{TRIANGLE}3 0 1 2 6 0 0 1 0 0 1 1\n3 2 1 0 6 0 1 1 0 .5 .5 0\n"
         );
-        let scan = read(text.as_bytes(), &dir.path().join("a.ply")).unwrap();
+        let scan = read(text.as_bytes(), &dir.path().join("a.ply"), &Beside::Folder(dir.path().to_owned())).unwrap();
         assert_eq!(scan.look.uvs, [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.5]]);
         assert_eq!(scan.look.corner_uvs, [0, 1, 2, 2, 1, 3]);
         assert_eq!(scan.look.face_materials, [1, 0]);
-        assert_eq!(scan.look.materials[1].base_color_texture.as_deref(), Some(&*dir.path().join("skin two.png")));
+        assert_eq!(scan.look.materials[1].base_color_texture, Some(crate::scan::Image::File(dir.path().join("skin two.png"))));
         assert_eq!(scan.look.materials[0].base_color_texture, None);
     }
 
@@ -414,7 +414,7 @@ mod tests {
         let head = "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty uchar x\nproperty uchar y\nproperty uchar z\n\
                     element other 2\nproperty int a\nend_header\n";
         let bytes = [head.as_bytes(), &[0; 10]].concat();
-        let error = read(&bytes, Path::new("a.ply")).unwrap_err();
+        let error = read(&bytes, Path::new("a.ply"), &Beside::Nothing).unwrap_err();
         assert!(error.found.contains("2 rows of element 'other'"), "{error}");
     }
 
@@ -425,7 +425,7 @@ mod tests {
                         element face 1|property list uchar uchar vertex_indices|end_header|";
             let mut bytes = head.replace('|', end).into_bytes();
             bytes.extend([10, 13, 10, 11, 10, 10, 10, 12, 10, 3, 0, 1, 2]);
-            let scan = read(&bytes, Path::new("a.ply")).unwrap();
+            let scan = read(&bytes, Path::new("a.ply"), &Beside::Nothing).unwrap();
             assert_eq!(scan.mesh.positions[0], DVec3::new(10.0, 13.0, 10.0), "{end:?}");
         }
     }

@@ -1,0 +1,145 @@
+//! Damaged captures end in a take or an error, soon and within bounded memory: bodies for fuzzing, run here over seeded damage.
+
+#![allow(clippy::unwrap_used)]
+
+use super::c3d_writer::{C3dFile, Processor};
+use super::{Motion, ReadOptions, read_bytes};
+use std::path::Path;
+
+/// Mutants of each sample.
+const ROUNDS: usize = 2600;
+
+/// Whatever the bytes are, reading ends well.
+fn body(bytes: &[u8], name: &str) -> bool {
+    for options in [ReadOptions::default(), ReadOptions { bodies: true, as_found: true, ..ReadOptions::default() }] {
+        match read_bytes(bytes.to_vec(), Path::new(name), &options) {
+            Ok(capture) => {
+                let take = capture.motion.points();
+                assert!(capture.rate > 0.0 && capture.rate.is_finite());
+                assert!(take.points.len() * 12 <= 16 * bytes.len() + (1 << 20), "a take many times larger than its file");
+                assert_eq!(take.points.len(), take.markers() * take.frames());
+                assert!(take.points.iter().all(|p| p.iter().all(|c| c.is_finite()) || p[0].is_nan()));
+                assert!(take.origin.is_finite());
+                if let Motion::Skeleton(skeleton) = &capture.motion {
+                    assert_eq!((skeleton.rotations.len(), skeleton.joints.len()), (take.points.len(), take.markers()));
+                    assert!(skeleton.joints.iter().enumerate().all(|(n, j)| j.parent.is_none_or(|p| p < n)));
+                }
+            }
+            Err(error) => assert!(!error.found.is_empty()),
+        }
+        if name.ends_with(".trc") || bytes.len() > 20_000 {
+            break;
+        }
+    }
+    read_bytes(bytes.to_vec(), Path::new(name), &ReadOptions::default()).is_ok()
+}
+
+/// A reproducible sequence of numbers (Vigna's splitmix64).
+struct Seeded(u64);
+
+impl Seeded {
+    fn below(&mut self, bound: usize) -> usize {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) % bound as u64) as usize
+    }
+
+    fn damage(&mut self, sample: &[u8]) -> Vec<u8> {
+        const WORDS: [&[u8]; 8] = [b"2147483648", b"-1", b"nan", b"1e308", b"\t\t", b",,", b"\n", b"99999999999999999999"];
+        let mut bytes = sample.to_vec();
+        if self.below(5) == 0 {
+            bytes.truncate(self.below(sample.len()));
+        }
+        // Half of the damage goes to the first quarter, where the headers are.
+        let reach = if self.below(2) == 0 { bytes.len() / 4 } else { bytes.len() };
+        for _ in 0..(1 + self.below(5)) * reach.min(1) {
+            let at = self.below(bytes.len().min(reach.max(1)));
+            match self.below(7) {
+                0 => bytes[at] = b"0123456789-+./,;\t\n"[self.below(18)],
+                1 => bytes[at] = [0, 0xff, 0x7f, 0x80][self.below(4)],
+                2 => bytes[at] ^= 1 << self.below(8),
+                3 => bytes[at] = self.below(256) as u8,
+                4 => drop(bytes.splice(at..at, WORDS[self.below(8)].iter().copied())),
+                5 => drop(bytes.drain(at..(at + 1 + self.below(9)).min(bytes.len()))),
+                _ => {
+                    let end = (at + 4).min(bytes.len());
+                    bytes[at..end].copy_from_slice(&2u32.pow(31).to_le_bytes()[..end - at]);
+                }
+            }
+            if bytes.is_empty() {
+                break;
+            }
+        }
+        bytes
+    }
+}
+
+fn run(seed: u64, samples: &[(&str, Vec<u8>)]) {
+    let mut seeded = Seeded(seed);
+    for (name, sample) in samples {
+        assert!(body(sample, name), "{name}");
+        let mut outcomes = [0, 0];
+        for _ in 0..ROUNDS {
+            outcomes[usize::from(body(&seeded.damage(sample), name))] += 1;
+        }
+        assert!(outcomes[0] > ROUNDS / 50 && outcomes[1] > ROUNDS / 50, "{name}: {outcomes:?} refused and read");
+        // Cut off after every byte.
+        for length in 0..sample.len().min(6000) {
+            body(&sample[..length], name);
+        }
+    }
+}
+
+fn points(frames: usize) -> Vec<Option<[f32; 3]>> {
+    let place = |f: usize, m: usize| [f as f32 * 3.0 + (m as f32).sin() * 90.0, (m * m) as f32, 900.0 + 50.0 * m as f32];
+    (0..frames).flat_map(|f| (0..6).map(move |m| ((f + m) % 7 > 0).then(|| place(f, m)))).collect()
+}
+
+#[test]
+fn damaged_c3d_files_do_no_harm() {
+    let labels = ["A:C7", "A:T10", "A:CLAV", "A:STRN", "A:LKneeAngles", "*1"].map(str::to_owned).to_vec();
+    let file = C3dFile { labels, points: points(12), subjects: vec!["A".into()], ..C3dFile::default() };
+    let integers = C3dFile { processor: Processor::Mips, integers: Some(0.05), analog: 4, first_frame: 70_000, ..file.clone() };
+    run(11, &[("a.c3d", file.bytes()), ("a.c3d", integers.bytes()), ("a.c3d", super::tests_of_tables::rotations(8))]);
+}
+
+#[test]
+fn damaged_trc_tables_do_no_harm() {
+    let header = "PathFileType\t4\t(X/Y/Z)\ta.trc\r\nDataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\r\n50\t50\t9\t6\tmm\r\n";
+    let mut tabs = format!("{header}Frame#\tTime\tC7\t\t\tT10\t\t\tCLAV\t\t\tSTRN\t\t\t\t\t\tLSHO\r\n\tX1\tY1\tZ1\r\n\r\n");
+    let mut blanks = "PathFileType 4\nDataRate Units\n50 mm\nFrame# Time C7 T10 CLAV STRN LASI RASI\n".to_owned();
+    for (f, row) in points(9).chunks_exact(6).enumerate() {
+        tabs += &format!("{f}\t{:.3}", f as f64 / 50.0);
+        blanks += &format!("{f} {:.3}", f as f64 / 50.0);
+        for p in row {
+            tabs += &p.map_or("\t\t\t".into(), |p| format!("\t{:.2}\t{:.2}\t{}", p[0], p[1], p[2]));
+            blanks += &p.map_or(" nan nan nan".into(), |p| format!(" {:.2} {:.2} {}", p[0], p[1], p[2]));
+        }
+        tabs += "\t\r\n";
+        blanks += "\n";
+    }
+    run(12, &[("a.trc", tabs.into_bytes()), ("a.trc", blanks.into_bytes())]);
+}
+
+#[test]
+fn damaged_csv_tables_do_no_harm() {
+    let mut wide = "# rate 50\n# unit mm\nframe,time,C7_x,C7_y,C7_z,T10_x,T10_y,T10_z\n".to_owned();
+    let mut long = "frame;marker;x;y;z\n".to_owned();
+    let mut motive = "Format Version,1.23,Export Frame Rate,50,Length Units,Millimeters\n\n\
+        ,Type,Marker,Marker,Marker,Bone,Bone,Bone,Bone,Bone,Bone,Bone\n,Name,A:C7,A:C7,A:C7,A:Hip,A:Hip,A:Hip,A:Hip,A:Hip,A:Hip,A:Hip\n\
+        ,ID,1,1,1,2,2,2,2,2,2,2\n,Parent,,,,Root,Root,Root,Root,Root,Root,Root\n\
+        ,,Position,Position,Position,Rotation,Rotation,Rotation,Rotation,Position,Position,Position\n\
+        Frame,Time (Seconds),X,Y,Z,X,Y,Z,W,X,Y,Z\n"
+        .to_owned();
+    for (f, row) in points(9).chunks_exact(6).enumerate() {
+        let cells = |p: Option<[f32; 3]>, c: char| {
+            p.map_or_else(|| format!("{c}{c}"), |p| format!("{:.2}{c}{:.2}{c}{:.2}", p[0], p[1], p[2]))
+        };
+        wide += &format!("{f},{:.2},{},{}\n", f as f64 / 50.0, cells(row[0], ','), cells(row[1], ','));
+        long += &format!("{f};\"C7\";{}\n{f};T10;{}\n", cells(row[0], ';'), cells(row[1], ';'));
+        motive += &format!("{f},{:.6},{},0,0.6,0,0.8,{}\n", f as f64 / 50.0, cells(row[0], ','), cells(row[1], ','));
+    }
+    run(13, &[("a.csv", wide.into_bytes()), ("a.csv", long.into_bytes()), ("a.csv", motive.into_bytes())]);
+}
