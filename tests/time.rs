@@ -145,7 +145,7 @@ fn smoothing_takes_the_shaking_away() {
     let take: &mut MarkerTake = shaken.motion.points_mut();
     let markers = take.markers();
     let size = 0.01 / walk.space.unit.unwrap().value.metres() as f32;
-    take.points.iter_mut().enumerate().for_each(|(i, p)| p[2] += if (i / markers) % 2 == 0 { size } else { -size });
+    take.points.iter_mut().enumerate().for_each(|(i, p)| p[2] += if (i / markers).is_multiple_of(2) { size } else { -size });
     let work = tempfile::tempdir().unwrap();
     for (name, capture) in [("still.csv", &walk), ("shaken.csv", &shaken)] {
         std::fs::write(work.path().join(name), table(capture, 1)).unwrap();

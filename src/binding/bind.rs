@@ -10,7 +10,7 @@ use super::similarity::{Held, Similarity, upright};
 use super::track::Track;
 use super::{
     Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, Turning, checks, clusters, places, raw,
-    refuse, skeletons, skin,
+    refuse, skeletons, skin, surfaces,
 };
 use crate::capture::{Capture, Motion};
 use crate::error::{Error, Kind, Notes, Result};
@@ -64,12 +64,21 @@ pub fn bind(
     if take.track.take.frames() == 0 {
         return Err(Error::refused("there is no marker to bind").file(&capture.source));
     }
+    if let Motion::Skeleton(joints) = &capture.motion
+        && (options.align == Align::None || body.is_err() && options.align == Align::Auto)
+        && let Some(bound) = skeletons::bind_own(scan, body.as_ref().ok(), capture, joints, options)
+    {
+        return bound;
+    }
     if options.align == Align::None {
         let mut binding = raw::bind_as_it_is(scan, body.as_ref().ok(), &take, options)?;
         if reference.is_some() {
             binding.notes.warn("the reference capture is not used with --align none");
         }
         return Ok(binding);
+    }
+    if let Motion::Vertices(vertices) = &capture.motion {
+        return surfaces::bind(scan, body.as_ref().ok(), capture, vertices, reference, options);
     }
     let body = match body {
         Ok(body) => oriented(body, options),
@@ -150,9 +159,14 @@ pub(super) fn scan_unit(scan: &ScanShape<'_>, body: Option<&Body>, options: &Opt
         return Some(Known::new(unit, Evidence::User));
     }
     match body {
-        Some(body) => actor::unit_of_stature(body.stature * scan.unit_box.diagonal, scan.space.unit).or(scan.space.unit),
+        Some(body) => unit_of_body(body, scan.unit_box.diagonal, scan.space.unit),
         None => scan.space.unit,
     }
+}
+
+/// The unit in which a body has a person's height; the one that its file says where that fits. `diagonal`: of the scan, in its own unit.
+pub fn unit_of_body(body: &Body, diagonal: f64, file: Option<Known<Unit>>) -> Option<Known<Unit>> {
+    actor::unit_of_stature(body.stature * diagonal, file).or(file)
 }
 
 struct Human<'a> {

@@ -40,7 +40,7 @@ fn case(scan_name: &str, take: &str, still: Option<&str>, options: &Options) -> 
     let read = |path: &PathBuf| capture::read(path, &capture::ReadOptions::default()).unwrap();
     let capture = read(&take_path);
     let still = still_path.as_ref().map(read);
-    let shape = ScanShape { tree: &tree, unit_box, space: &scan.space };
+    let shape = ScanShape { tree: &tree, unit_box, space: &scan.space, mesh: Some(&scan.mesh) };
     let start = std::time::Instant::now();
     let bound = bind(&shape, body, &capture, still.as_ref(), options);
     let elapsed = start.elapsed();

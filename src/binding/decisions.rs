@@ -2,6 +2,7 @@
 
 use super::Align;
 use crate::space::{Axis, Known, Unit};
+use crate::words;
 use glam::DVec3;
 
 /// The decisions of a binding.
@@ -92,7 +93,7 @@ impl Decisions {
         }
         if self.named > 0 {
             let set = self.set.map_or(String::new(), |set| format!(" ({set})"));
-            words.push(format!("{} of {} {}s named{set}", self.named, self.markers, self.noun));
+            words.push(format!("{} of {} named{set}", self.named, words::plural(self.markers, self.noun)));
         }
         words.join(" · ")
     }
@@ -109,8 +110,8 @@ impl Decisions {
             format!("yaw {:.0}°", self.yaw.round() + 0.0),
         ];
         let mut bound = match self.align {
-            Align::Retarget => format!("{} {}s by {} points", self.markers, self.noun, self.bound),
-            _ => format!("{} of {} {}s bound", self.bound, self.markers, self.noun),
+            Align::Retarget => format!("{} by {} points", words::plural(self.markers, self.noun), self.bound),
+            _ => format!("{} of {} bound", self.bound, words::plural(self.markers, self.noun)),
         };
         if let Some((median, worst, label)) = &self.off_surface {
             let length = |x: f64| match self.scan_unit {

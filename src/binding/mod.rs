@@ -22,13 +22,14 @@ pub mod select;
 mod similarity;
 mod skeletons;
 mod skin;
+mod surfaces;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests;
 mod track;
 
 pub use actor::{ActorSpace, actor_space};
-pub use bind::bind;
+pub use bind::{bind, unit_of_body};
 pub use decisions::Decisions;
 pub use driven::Turning;
 pub use regions::{Regions, Rules};
@@ -38,7 +39,7 @@ pub use similarity::Similarity;
 use crate::capture::resample::Sampling;
 use crate::capture::{Capture, MarkerTake};
 use crate::error::{Error, Notes, Result};
-use crate::scan::UnitBox;
+use crate::scan::{SurfaceMesh, UnitBox};
 use crate::space::{Axis, Space, Unit};
 use crate::spatial::TriangleTree;
 use glam::DVec3;
@@ -119,6 +120,8 @@ pub struct ScanShape<'a> {
     pub unit_box: UnitBox,
     /// What its file says of unit and axes.
     pub space: &'a Space,
+    /// Its vertices and faces in its own space, for captures of the same mesh.
+    pub mesh: Option<&'a SurfaceMesh>,
 }
 
 /// A marker that pulls the scan.

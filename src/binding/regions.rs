@@ -17,17 +17,53 @@ struct Rule {
     what: Selector,
     /// How stiff; `None`: a rigid body.
     factor: Option<f64>,
+    /// Whether it is left out where it selects nothing.
+    may_be_empty: bool,
 }
 
+/// Ends of limbs with more markers than this are measured well enough to bend.
+const TELLS_BENDS: usize = 5;
+/// Limbs with fewer markers of their own than this bow between the joints.
+const TELLS_BOWS: usize = 2;
+/// Stiffness of the shafts of such upper arms. They bow most, where the scan holds the arms out and the actor does not.
+const UPPER_ARM: f64 = 10.0;
+/// The same of forearms, thighs and shanks: stiffer ones crease the joints between them.
+const SHAFT: f64 = 3.0;
+
 impl Rules {
+    /// What holds for bodies, as far as the markers do not tell better: heads, hands and feet are rigid, shafts of limbs that have next to no marker
+    /// are stiffer. Nothing where parts are not known or markers do not belong to parts.
+    pub fn of_body(binding: &Binding) -> Self {
+        use Segment::*;
+        let mut rules = Self::default();
+        let markers = |s: Segment| binding.handles.iter().filter(|h| h.segment == Some(s)).count();
+        let named = Segment::ALL.into_iter().any(|s| markers(s) > 0);
+        if !named || binding.segments.is_empty() || binding.decisions.scan_height.is_none() {
+            return rules;
+        }
+        let shaft = |s: &Segment| markers(*s) < TELLS_BOWS;
+        let upper_arms: Vec<Segment> = [LeftUpperArm, RightUpperArm].into_iter().filter(shaft).collect();
+        let limbs = [LeftForearm, RightForearm, LeftThigh, RightThigh, LeftShank, RightShank];
+        let ends = [Head, LeftHand, RightHand, LeftFoot, RightFoot];
+        for (segments, factor) in [
+            (upper_arms, Some(UPPER_ARM)),
+            (limbs.into_iter().filter(shaft).collect(), Some(SHAFT)),
+            (ends.into_iter().filter(|s| markers(*s) <= TELLS_BENDS).collect(), None),
+        ] {
+            let rule = |what| Rule { what, factor, may_be_empty: true };
+            rules.0.extend(Selector::of_segments(segments).into_iter().map(rule));
+        }
+        rules
+    }
+
     /// Adds a part that moves like a rigid body; pieces of it that do not touch turn as one.
     pub fn rigid(&mut self, what: Selector) {
-        self.0.push(Rule { what, factor: None });
+        self.0.push(Rule { what, factor: None, may_be_empty: false });
     }
 
     /// Adds a part that is stiffer or softer than the body.
     pub fn stiffness(&mut self, rule: Stiffness) {
-        self.0.push(Rule { what: rule.what, factor: Some(rule.factor) });
+        self.0.push(Rule { what: rule.what, factor: Some(rule.factor), may_be_empty: false });
     }
 
     /// Whether nothing is asked for.
@@ -62,7 +98,10 @@ impl Regions {
         let mut counts = Vec::new();
         let mut parts = 0;
         for rule in &rules.0 {
-            let sets = subject.select(&rule.what)?;
+            let sets = match subject.select(&rule.what) {
+                Err(_) if rule.may_be_empty => continue,
+                sets => sets?,
+            };
             for set in &sets {
                 for &t in set {
                     stiffness[t as usize] = rule.factor.unwrap_or(1.0);

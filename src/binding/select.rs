@@ -99,6 +99,23 @@ impl fmt::Display for Selector {
     }
 }
 
+impl Selector {
+    /// The fewest words for some segments of a body, each a part of its own.
+    pub(super) fn of_segments(mut segments: Vec<Segment>) -> Vec<Self> {
+        let mut words: Vec<_> = PARTS.iter().filter(|(_, sets)| sets.iter().all(|set| set.len() == 1)).collect();
+        words.sort_by_key(|(_, sets)| std::cmp::Reverse(sets.len()));
+        let mut found = Vec::new();
+        for (word, sets) in words {
+            let all = sets.iter().flat_map(|set| set.iter());
+            if all.clone().all(|s| segments.contains(s)) {
+                segments.retain(|s| !all.clone().any(|other| other == s));
+                found.push(Self { text: (*word).to_owned(), what: What::Part(sets) });
+            }
+        }
+        found
+    }
+}
+
 impl FromStr for Selector {
     type Err = String;
 
@@ -313,6 +330,17 @@ mod tests {
             let error = text.parse::<Hold>().unwrap_err();
             assert!(error.contains(word), "{text}: {error}");
         }
+    }
+
+    #[test]
+    fn segments_are_told_by_the_fewest_words() {
+        use Segment::*;
+        let words =
+            |segments: &[Segment]| Selector::of_segments(segments.to_vec()).iter().map(Selector::to_string).collect::<Vec<_>>();
+        assert_eq!(words(&[Head, RightHand, LeftHand, LeftFoot, RightFoot]), ["ends"]);
+        assert_eq!(words(&[RightHand, LeftHand, LeftFoot]), ["hands", "left_foot"]);
+        assert!(words(&[]).is_empty());
+        assert_eq!(Segment::ALL.iter().map(|&s| words(&[s]).len()).sum::<usize>(), Segment::COUNT);
     }
 
     #[test]

@@ -153,7 +153,7 @@ fn take(person: &Person, labels: &[String], frames: &[Vec<DVec3>], yaw: f64, noi
 
 fn bound(person: &Person, capture: &Capture, options: &Options) -> Result<Binding> {
     let space = Space::default();
-    let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space };
+    let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space, mesh: None };
     bind(&scan, Ok(person.body.clone()), capture, None, options)
 }
 
@@ -322,7 +322,7 @@ fn what_is_no_body_is_refused_with_the_way_out() {
     let frame: Vec<DVec3> = landmarks_of(&person, &labels).iter().map(|o| o.place).collect();
     let capture = take(&person, &labels, &[frame], 0.4, 0.0);
     let space = Space::default();
-    let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space };
+    let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space, mesh: None };
     let nobody = NotHuman { reason: "five limbs".to_owned(), margin_and_cost: Some((0.04, 0.6)) };
     let error = bind(&scan, Err(nobody), &capture, None, &Options::default()).unwrap_err();
     assert_eq!(error.exit_code(), 3);

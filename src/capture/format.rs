@@ -27,6 +27,8 @@ pub(super) enum Format {
     MarkerCsv,
     /// Table of handles.
     HandleCsv,
+    /// One of a sequence of meshes.
+    Meshes,
 }
 
 /// Bytes that are looked at.
@@ -67,6 +69,7 @@ fn of(head: &[u8], extension: &str) -> Format {
         "csv" | "tsv" if marker_csv::is_marker_table(text) => Format::MarkerCsv,
         "csv" => Format::HandleCsv,
         "tsv" => Format::MarkerCsv,
+        "obj" | "ply" | "stl" | "off" => Format::Meshes,
         _ => Format::C3d,
     }
 }
@@ -74,16 +77,21 @@ fn of(head: &[u8], extension: &str) -> Format {
 impl Format {
     /// The error for a format that is not read.
     pub(super) fn unsupported(self) -> Error {
-        let skeleton = "skeleton takes are not read yet";
         let what = match self {
-            Format::C3d => "is a C3D file".to_owned(),
-            Format::Bvh => format!("is BVH text: {skeleton}"),
-            Format::Acclaim => format!("is an Acclaim file: {skeleton}"),
-            Format::Gltf => format!("is a glTF file: {skeleton}"),
-            Format::Fbx => format!("is an FBX file: {skeleton}"),
-            Format::Usd => format!("is a USD file: {skeleton}"),
+            Format::Usd => {
+                return Error::new(Kind::Unsupported, "is a USD file, which is not read")
+                    .expected("a skeleton take: BVH, ASF/AMC, glTF or FBX")
+                    .hint("export the skeleton as glTF or FBX");
+            }
+            Format::Fbx => {
+                return Error::new(Kind::Unsupported, "is an FBX file, and this program was built without FBX")
+                    .expected("a skeleton take: BVH, ASF/AMC or glTF")
+                    .hint("export it as BVH or glTF, or build with the feature 'fbx'");
+            }
             Format::Trc | Format::MotiveCsv | Format::MarkerCsv => "is a table of markers".to_owned(),
             Format::HandleCsv => "is no table of markers".to_owned(),
+            Format::C3d | Format::Bvh | Format::Acclaim | Format::Gltf => "cannot be read".to_owned(),
+            Format::Meshes => "is a mesh".to_owned(),
         };
         Error::new(Kind::Unsupported, what).expected("labelled markers: C3D, TRC or CSV").hint("export the markers as C3D")
     }

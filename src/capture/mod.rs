@@ -5,10 +5,16 @@ mod assemble;
 mod bvh;
 mod c3d;
 mod clean;
+mod clips;
+#[cfg(feature = "fbx")]
+mod fbx;
 mod format;
+#[cfg(any(test, fuzzing))]
+pub mod fuzz_skeletons;
 #[cfg(any(test, fuzzing))]
 pub(crate) mod fuzz_tables;
 mod gaps;
+mod gltf;
 pub mod handles_csv;
 mod labels;
 mod marker_csv;
@@ -25,6 +31,7 @@ mod swaps;
 mod table;
 mod trc;
 mod turns;
+mod vertices;
 
 #[cfg(test)]
 #[path = "../../tests/common/c3d_writer.rs"]
@@ -32,11 +39,14 @@ mod c3d_writer;
 #[cfg(test)]
 mod mutants;
 #[cfg(test)]
+mod skeleton_mutants;
+#[cfg(test)]
 mod tests;
 #[cfg(test)]
 mod tests_of_tables;
 
 use crate::error::{Error, Notes, Result};
+use crate::scan::Faces;
 use crate::space::Space;
 use crate::words;
 use format::Format;
@@ -50,7 +60,7 @@ use std::path::{Path, PathBuf};
 pub struct ReadOptions {
     /// Subject by its label prefix; `None` takes the one with most markers.
     pub subject: Option<String>,
-    /// Frames per second where the file does not say; `None` assumes 100.
+    /// Frames per second where the file does not say; `None` assumes what is usual in its format.
     pub rate: Option<f64>,
     /// Takes the bones or rigid bodies of a file that holds markers too.
     pub bodies: bool,
@@ -70,7 +80,8 @@ pub struct ReadOptions {
 /// Unreadable or broken files, formats that are not read yet, files with nothing to animate, a subject that is not there.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Capture> {
     let capture = match format::tell(path)? {
-        Format::Acclaim => acclaim::open(path, options.skeleton.as_deref()).map(|file| file.capture(path)),
+        Format::Meshes => vertices::read(path, options.rate),
+        Format::Acclaim => acclaim::open(path, options.skeleton.as_deref(), options.rate).map(|file| file.capture(path)),
         Format::C3d if !source::is_packed(path) => c3d::C3d::open(path).and_then(|file| assemble::c3d(file, path, options)),
         format => source::load(path).and_then(|bytes| parse(format, bytes, path, options)),
     };
@@ -89,7 +100,10 @@ pub fn read_bytes(bytes: Vec<u8>, name: &Path, options: &ReadOptions) -> Result<
 fn parse(format: Format, bytes: Vec<u8>, path: &Path, options: &ReadOptions) -> Result<Capture> {
     match format {
         Format::C3d => assemble::c3d(c3d::C3d::parse(Cursor::new(bytes))?, path, options),
-        Format::Bvh => Ok(bvh::read(&bytes)?.capture(path)),
+        Format::Bvh => Ok(bvh::read(&bytes, options.rate)?.capture(path)),
+        Format::Gltf => Ok(gltf::read(&bytes, &crate::gltf::beside(path), options.clip.as_deref())?.capture(path)),
+        #[cfg(feature = "fbx")]
+        Format::Fbx => Ok(fbx::read(&bytes, options.clip.as_deref())?.capture(path)),
         Format::Trc => assemble::table(trc::read(&bytes, options)?, path, options),
         Format::MarkerCsv => assemble::table(marker_csv::read(&bytes, options)?, path, options),
         Format::MotiveCsv => match motive_csv::read(&bytes, options)? {
@@ -153,23 +167,25 @@ pub enum Motion {
     /// Joints with places and turns, inside of the body.
     Skeleton(SkeletonTake),
     /// Vertices of a captured surface.
-    Vertices(MarkerTake),
+    Vertices(VertexTake),
 }
 
 impl Motion {
     /// Trajectories of the points that move: markers, origins of joints, vertices.
     pub fn points(&self) -> &MarkerTake {
         match self {
-            Motion::Markers(take) | Motion::Vertices(take) => take,
+            Motion::Markers(take) => take,
             Motion::Skeleton(skeleton) => &skeleton.origins,
+            Motion::Vertices(surface) => &surface.points,
         }
     }
 
     /// As [`Motion::points`], to be changed.
     pub fn points_mut(&mut self) -> &mut MarkerTake {
         match self {
-            Motion::Markers(take) | Motion::Vertices(take) => take,
+            Motion::Markers(take) => take,
             Motion::Skeleton(skeleton) => &mut skeleton.origins,
+            Motion::Vertices(surface) => &mut surface.points,
         }
     }
 
@@ -257,6 +273,19 @@ pub struct Joint {
     pub rest_turn: DQuat,
     /// Whether it is only the end of a bone and has no turn of its own.
     pub end: bool,
+}
+
+/// Vertices of a captured surface: some of them, spread evenly.
+#[derive(Clone, Debug, Default)]
+pub struct VertexTake {
+    /// Their trajectories; any number of the first of them is spread over the whole surface.
+    pub points: MarkerTake,
+    /// Which vertices of the surface they are.
+    pub vertices: Vec<u32>,
+    /// Number of all vertices of the surface.
+    pub count: usize,
+    /// The faces over them.
+    pub faces: Faces,
 }
 
 /// Trajectories of labelled points, frame by frame.

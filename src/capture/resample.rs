@@ -1,7 +1,7 @@
 //! Takes at another frame rate: positions by cubics, turns by cubics on the sphere. Frames that fall on frames of the take are copied; what is
 //! missing on either side of a new frame is missing in it.
 
-use super::{MarkerTake, Motion, SkeletonTake};
+use super::{MarkerTake, Motion, SkeletonTake, VertexTake};
 use glam::{DQuat, DVec3};
 use std::ops::Range;
 
@@ -49,7 +49,9 @@ impl Sampling {
     pub fn motion(&self, motion: &Motion) -> Motion {
         match motion {
             Motion::Markers(take) => Motion::Markers(self.markers(take)),
-            Motion::Vertices(take) => Motion::Vertices(self.markers(take)),
+            Motion::Vertices(surface) => {
+                Motion::Vertices(VertexTake { points: self.markers(&surface.points), ..surface.clone() })
+            }
             Motion::Skeleton(take) => Motion::Skeleton(SkeletonTake {
                 origins: self.markers(&take.origins),
                 rotations: self.turns(&take.rotations, take.joints.len()),

@@ -2,15 +2,15 @@
 
 use super::{Capture, Cleaning, MarkerTake, Motion, SkeletonTake, source};
 use crate::error::{Error, Kind, Notes, Result};
-use crate::space::Space;
-use glam::{DQuat, DVec3};
+use crate::space::{Space, Unit};
+use glam::{DMat3, DQuat, DVec3};
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 /// Bytes of a take per byte of the file above which the file is refused, and bytes that are always allowed. A row of a real file has
 /// two or more bytes for each of a joint's three numbers, and a joint takes 28 bytes per frame.
-const LARGEST_RATIO: usize = 64;
-const ALWAYS_ALLOWED: usize = 64 << 20;
+pub(super) const LARGEST_RATIO: usize = 64;
+pub(super) const ALWAYS_ALLOWED: usize = 64 << 20;
 
 /// A skeleton take as a file has it.
 #[derive(Debug)]
@@ -124,11 +124,42 @@ pub(super) fn rate(period: f64, decimals: usize) -> f64 {
     let whole = raw.round();
     let unit = 10f64.powi(-(decimals.min(22) as i32)) * 1.000_001;
     let near = |rate: f64| (1.0 / rate - period).abs();
-    [whole, 23.976, 29.97, 59.94, 119.88, (raw * 1.001).round() / 1.001]
+    [whole, (2.0 * raw).round() / 2.0, 23.976, 29.97, 59.94, 119.88, (raw * 1.001).round() / 1.001]
         .into_iter()
         .filter(|&r| r > 0.0 && near(r) <= unit && (r / raw - 1.0).abs() < 2e-3)
         .fold(None, |best: Option<f64>, r| if best.is_none_or(|b| near(r) < near(b)) { Some(r) } else { best })
         .unwrap_or(raw)
+}
+
+/// The turn in a linear map with scale and shear: its first axis is kept, its second in its plane. A mirrored map gives the turn of its
+/// opposite, so that what lies between two maps of a kind is right; no turn where a map is flat.
+pub(super) fn turn(map: &DMat3) -> DQuat {
+    let map = if map.determinant() < 0.0 { *map * -1.0 } else { *map };
+    let x = map.x_axis.normalize_or_zero();
+    let y = (map.y_axis - x * map.y_axis.dot(x)).normalize_or_zero();
+    let z = x.cross(y);
+    // Flat and broken maps have axes of length zero or none.
+    if z.length_squared() > 0.5 {
+        DQuat::from_mat3(&DMat3::from_cols(x, y, z)).normalize()
+    } else if map.is_finite() {
+        DQuat::IDENTITY
+    } else {
+        DQuat::NAN
+    }
+}
+
+/// The unit that a file says, if the joints at rest then have a size that a body or a thing can have: many files are in centimetres
+/// although their format says metres.
+pub(super) fn believed(unit: Unit, take: &SkeletonTake, notes: &mut Notes) -> Option<Unit> {
+    const SIZES: std::ops::Range<f64> = 0.02..20.0;
+    let box_of = |(low, high): (DVec3, DVec3), joint: &super::Joint| (low.min(joint.rest), high.max(joint.rest));
+    let (low, high) = take.joints.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), box_of);
+    let size = low.distance(high) * unit.metres();
+    if size > 0.0 && !SIZES.contains(&size) {
+        notes.warn(format!("the file says {unit}, but the joints then span {size:.3} m: the unit is left open"));
+        return None;
+    }
+    Some(unit)
 }
 
 /// An error for a take without frames.
@@ -166,6 +197,23 @@ mod tests {
             assert!((rate(period, decimals) - wanted).abs() < 1e-9, "{period}: {}", rate(period, decimals));
         }
         assert!((rate(0.0331, 4) - 1.0 / 0.0331).abs() < 1e-12);
+    }
+
+    #[test]
+    fn turns_are_found_under_scale_mirror_and_shear() {
+        let turn_of = |m: DMat3| turn(&m);
+        let wanted = DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -1.2, 2.0);
+        let matrix = DMat3::from_quat(wanted);
+        let same = |found: DQuat, wanted: DQuat| assert!((found.dot(wanted).abs() - 1.0).abs() < 1e-12, "{found} {wanted}");
+        same(turn_of(matrix * 100.0), wanted);
+        same(turn_of(matrix * DMat3::from_diagonal(DVec3::new(1.0, 2.0, 1e-3))), wanted);
+        let (a, b) = (
+            turn_of(matrix * DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0))),
+            turn_of(DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0))),
+        );
+        same(a * b.inverse(), wanted);
+        assert_eq!(turn_of(DMat3::ZERO), DQuat::IDENTITY);
+        assert!(turn_of(DMat3::from_diagonal(DVec3::NAN)).is_nan());
     }
 
     #[test]

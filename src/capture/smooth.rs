@@ -25,7 +25,8 @@ pub fn low_pass(motion: &mut Motion, rate: f64, hertz: f64) -> Result<()> {
     let filter = Butterworth::new(hertz / BOTH_PASSES / rate);
     let pad = (rate / hertz).ceil() as usize;
     match motion {
-        Motion::Markers(take) | Motion::Vertices(take) => markers(take, &filter, pad),
+        Motion::Markers(take) => markers(take, &filter, pad),
+        Motion::Vertices(surface) => markers(&mut surface.points, &filter, pad),
         Motion::Skeleton(take) => {
             markers(&mut take.origins, &filter, pad);
             turns(&mut take.rotations, take.joints.len(), &filter, pad);

@@ -125,7 +125,7 @@ impl Setup {
         let (mut proxy, mut handles, mut oriented, mut regions) = (proxy, Vec::new(), Vec::new(), Regions::default());
         for _ in 0..2 {
             let subject = Subject::new(&scan, &points, unit_box, &proxy, &binding);
-            regions = Regions::new(&subject, &rules(args))?;
+            regions = Regions::new(&subject, &rules(args, &binding))?;
             handles = attach(&proxy, &binding, &regions, args);
             oriented = grips::grips(&subject, &binding.turning.handles, &holdings(args))?;
             let Some(held) = held_components(&proxy, &handles, &oriented) else { break };
@@ -355,9 +355,9 @@ fn holdings(args: &Animate) -> Vec<Holding> {
     [holdings(&args.hold, false), holdings(&args.hold_exact, true)].concat()
 }
 
-/// What is rigid or stiffer.
-fn rules(args: &Animate) -> Rules {
-    let mut rules = Rules::default();
+/// What is rigid or stiffer. A fixed count of plain iterations is for the energy as it was published.
+fn rules(args: &Animate, binding: &Binding) -> Rules {
+    let mut rules = if args.iterations.is_some() { Rules::default() } else { Rules::of_body(binding) };
     args.stiffness.iter().for_each(|rule| rules.stiffness(rule.clone()));
     args.rigid.iter().for_each(|what| rules.rigid(what.clone()));
     rules
@@ -457,7 +457,7 @@ fn bind(
     captures: &mut Captures,
 ) -> Result<Binding> {
     let tree = TriangleTree::new(points, triangles);
-    let shape = ScanShape { tree: &tree, unit_box, space: &scan.space };
+    let shape = ScanShape { tree: &tree, unit_box, space: &scan.space, mesh: Some(&scan.mesh) };
     let options = binding::Options {
         align: match args.align {
             Align::Auto => binding::Align::Auto,

@@ -37,7 +37,7 @@ pub enum Command {
 /// Arguments of `retarget inspect`.
 #[derive(Debug, Args)]
 pub struct Inspect {
-    /// Scans (OBJ, PLY, STL, OFF, glTF, GLB, also .gz and .zip), captures (C3D, TRC, CSV, BVH, AMC), outputs (GLB, PC2)
+    /// Scans (OBJ, PLY, STL, OFF, glTF, GLB, also .gz and .zip), captures (C3D, TRC, CSV, BVH, ASF/AMC, glTF, FBX), outputs (GLB, PC2)
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Print JSON, one object per file, for programs
@@ -93,7 +93,7 @@ pub struct Animate {
     /// Weaken motion of the markers faster than this, without a shift in time (6 to 12 Hz for a person; default: off)
     #[arg(long, value_name = "HZ", value_parser = parse_positive, help_heading = "Time")]
     pub smooth: Option<f64>,
-    /// Frames per second where the capture does not say: tables of handles, tables of markers without times
+    /// Frames per second where the capture does not say: tables of handles, tables of markers without times, sequences of meshes
     #[arg(long, hide_short_help = true, value_name = "HZ", default_value_t = 30.0, value_parser = parse_positive, help_heading = "Time")]
     pub rate: f64,
 
@@ -161,7 +161,8 @@ pub struct Animate {
     /// How scan vertices and handles follow the proxy: ring-averaged gradients, or the paper's formulas to the letter
     #[arg(long, hide_short_help = true, value_enum, default_value_t = Map::Ring, help_heading = "Proxy")]
     pub map: Map,
-    /// Keep the shape of a part of the scan, for example ends (head, hands and feet of a person) or group:armor_* (repeatable)
+    /// Keep the shape of a part of the scan, for example group:armor_* (repeatable). Head, hands and feet of a person keep theirs where few markers are
+    /// on them; --stiffness ends=1 lets them bend
     #[arg(long, value_name = "WHAT", help_heading = "Parts")]
     pub rigid: Vec<Selector>,
     /// Make a part of the scan stiffer (above 1) or softer, for example upper_arms=3 against arms that bow (repeatable, later ones win)

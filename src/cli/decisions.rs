@@ -112,6 +112,8 @@ pub(super) fn binding_json(binding: &Binding, unit_box: UnitBox) -> Value {
     json!({
         "align": d.align.to_string(),
         "on_skin": d.on_skin,
+        "reference_is_rest": d.reference_rest,
+        "points": d.noun,
         "reference_frame": d.reference_frame,
         "reference_capture": d.reference_capture,
         "scale": d.scale,

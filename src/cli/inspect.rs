@@ -4,8 +4,10 @@ mod takes;
 
 use super::args::Inspect;
 use super::console::Console;
+use crate::binding;
 use crate::binding::landmarks::{self, Body, NotHuman};
-use crate::error::{Error, Notes, Result};
+use crate::error::{Error, Kind, Notes, Result};
+use crate::proxy::medit;
 use crate::scan::{self, UnitBox};
 use crate::words;
 use anstream::println;
@@ -58,13 +60,32 @@ fn look(path: &Path, ascii: bool) -> Result<Found> {
     let length = file.read(&mut head).map_err(|e| Error::unreadable(path, &e))?;
     match &head[..length] {
         b"POINTCACHE2\0" => cache(path),
-        [b'g', b'l', b'T', b'F', ..] => binary_gltf(path),
+        [b'g', b'l', b'T', b'F', ..] => with_motion(mesh(path), path, ascii),
         [b'P', b'K', 3, 4, ..] => mesh(path),
-        _ if [".obj", ".ply", ".stl", ".off", ".gltf", ".glb"].iter().any(|e| name.trim_end_matches(".gz").ends_with(e)) => {
-            mesh(path)
-        }
+        _ if [".gltf", ".glb"].iter().any(|e| name.trim_end_matches(".gz").ends_with(e)) => with_motion(mesh(path), path, ascii),
+        _ if [".obj", ".ply", ".stl", ".off"].iter().any(|e| name.trim_end_matches(".gz").ends_with(e)) => mesh(path),
+        _ if name.trim_end_matches(".gz").ends_with(".mesh") => proxy(path),
         _ => takes::look(path, ascii),
     }
+}
+
+/// Adds the animation of joints that a glTF file holds, if any, to what else is in it.
+fn with_motion(found: Result<Found>, path: &Path, ascii: bool) -> Result<Found> {
+    let (mut found, motion) = match (found, takes::look(path, ascii)) {
+        (Ok(found), Ok(motion)) => (found, motion),
+        (Ok(mut found), Err(error)) => {
+            if error.kind == Kind::Malformed {
+                found.notes.warn(format!("its motion cannot be read: {}", error.found));
+            }
+            return Ok(found);
+        }
+        (found, Err(_)) => return found,
+        (Err(_), Ok(motion)) => return Ok(motion),
+    };
+    found.lines.extend(motion.lines);
+    found.value["capture"] = motion.value;
+    found.notes.extend(motion.notes);
+    Ok(found)
 }
 
 fn mesh(path: &Path) -> Result<Found> {
@@ -96,9 +117,9 @@ fn mesh(path: &Path) -> Result<Found> {
         ),
         body_words(&body, unit_box),
     ];
-    let unit = scan.space.unit.map(|u| format!("unit {} ({})", u.value, u.how));
+    let unit = body.as_ref().map_or(scan.space.unit, |b| binding::unit_of_body(b, unit_box.diagonal, scan.space.unit));
     let up = scan.space.up.map(|u| format!("{} up ({})", u.value, u.how));
-    let stated: Vec<String> = unit.into_iter().chain(up).collect();
+    let stated: Vec<String> = unit.map(|u| format!("unit {} ({})", u.value, u.how)).into_iter().chain(up).collect();
     if !stated.is_empty() {
         lines.push(stated.join(" · "));
     }
@@ -113,7 +134,8 @@ fn mesh(path: &Path) -> Result<Found> {
         "groups": look.groups.iter().map(|g| g.group.clone().or(g.object.clone())).collect::<Vec<_>>(),
         "uv": !look.uvs.is_empty(),
         "vertex_colors": !look.colors.is_empty(),
-        "unit": scan.space.unit.map(|u| u.value.to_string()),
+        "unit": unit.map(|u| u.value.to_string()),
+        "unit_from": unit.map(|u| u.how.to_string()),
         "body": body.ok().map(|b| json!({
             "stature": b.stature * unit_box.diagonal,
             "up": round(b.up),
@@ -124,6 +146,20 @@ fn mesh(path: &Path) -> Result<Found> {
         })),
     });
     Ok(Found { value, lines, notes: scan.notes })
+}
+
+/// A tetrahedral proxy.
+fn proxy(path: &Path) -> Result<Found> {
+    let (vertices, tetrahedra) = medit::look(path)?;
+    let (lo, hi) = vertices.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
+    let lines = vec![
+        format!("proxy · {} · {} tetrahedra", words::plural(vertices.len(), "vertex"), words::count(tetrahedra)),
+        format!("box {} .. {}", triple(lo), triple(hi)),
+    ];
+    let value = json!({
+        "kind": "proxy", "vertices": vertices.len(), "tetrahedra": tetrahedra, "box": [lo.to_array(), hi.to_array()],
+    });
+    Ok(Found { value, lines, notes: Notes::default() })
 }
 
 fn triple(v: DVec3) -> String {
@@ -161,42 +197,4 @@ fn cache(path: &Path) -> Result<Found> {
     }
     let lines = vec![format!("cache · {} points, {} samples", words::count(points as usize), words::count(samples as usize))];
     Ok(Found { value: json!({ "kind": "cache", "points": points, "samples": samples }), lines, notes: Notes::default() })
-}
-
-fn binary_gltf(path: &Path) -> Result<Found> {
-    let unreadable = |e: std::io::Error| Error::unreadable(path, &e);
-    let bytes = std::fs::read(path).map_err(unreadable)?;
-    let broken = |what: &str| Error::malformed(what).file(path).expected("a binary glTF 2.0 file");
-    let word = |at: usize| bytes.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
-    let length = word(12).ok_or_else(|| broken("the header is cut short"))?;
-    let text = bytes.get(20..20usize.saturating_add(length)).ok_or_else(|| broken("the JSON chunk is cut short"))?;
-    let json: Value = serde_json::from_slice(text).map_err(|e| broken(&format!("the JSON chunk is broken: {e}")))?;
-    let list = |key: &str| json[key].as_array().cloned().unwrap_or_default();
-    let count =
-        |accessor: &Value| accessor.as_u64().and_then(|i| json["accessors"][i as usize]["count"].as_u64()).unwrap_or(0) as usize;
-    let primitives: Vec<Value> =
-        list("meshes").iter().flat_map(|m| m["primitives"].as_array().cloned().unwrap_or_default()).collect();
-    let vertices: usize = primitives.iter().map(|p| count(&p["attributes"]["POSITION"])).sum();
-    let triangles: usize = primitives.iter().map(|p| count(&p["indices"]) / 3).sum();
-    let joints: usize = list("skins").iter().map(|s| s["joints"].as_array().map_or(0, Vec::len)).sum();
-    let keys = list("animations")
-        .iter()
-        .flat_map(|a| a["samplers"].as_array().cloned().unwrap_or_default())
-        .map(|s| count(&s["input"]))
-        .max()
-        .unwrap_or(0);
-    let lines = vec![format!(
-        "glTF · {} in {}, {} · {} · {} · {}",
-        words::plural(vertices, "vertex"),
-        words::plural(primitives.len(), "primitive"),
-        words::plural(triangles, "triangle"),
-        words::plural(joints, "joint"),
-        words::plural(keys, "key"),
-        words::plural(list("materials").len(), "material")
-    )];
-    let value = json!({
-        "kind": "gltf", "vertices": vertices, "primitives": primitives.len(), "triangles": triangles, "joints": joints, "keys": keys,
-        "materials": list("materials").len(),
-    });
-    Ok(Found { value, lines, notes: Notes::default() })
 }

@@ -5,9 +5,6 @@
 //!
 //! Source: Khronos Group, glTF 2.0 Specification (ISO/IEC 12113).
 
-// Scans and takes use different parts of it.
-#![allow(dead_code, unused_imports)]
-
 mod accessors;
 mod container;
 mod document;

@@ -218,7 +218,7 @@ fn light(normal: Vec3) -> f32 {
     let lamp = |direction: Vec3, wrap: f32| ((n.dot(direction) + wrap) / (1.0 + wrap)).max(0.0);
     let key = lamp(Vec3::new(-0.42, 0.62, 0.66), 0.25);
     let fill = lamp(Vec3::new(0.80, 0.10, 0.59), 0.35);
-    0.20 + 0.11 * n.y + 0.80 * key + 0.22 * fill
+    0.13 + 0.11 * n.y + 0.86 * key + 0.22 * fill
 }
 
 fn resolve(samples: &[Sample], columns: usize, x: usize, y: usize) -> Pixel {

@@ -44,7 +44,23 @@ pub fn write(out: &mut dyn Write, proxy: &Proxy, unit_box: &UnitBox) -> std::io:
     writeln!(out, "End")
 }
 
+/// What a file holds, whatever scan it belongs to: vertices in its own coordinates, and the number of tetrahedra.
+///
+/// Errors: unreadable file; broken format, with the line; no vertices or no tetrahedra.
+pub fn look(path: &Path) -> Result<(Vec<DVec3>, usize)> {
+    let bytes = std::fs::read(path).map_err(|e| Error::unreadable(path, &e))?;
+    let file = sections(&bytes).map_err(|e| e.file(path))?;
+    match (file.vertices, file.tets) {
+        (Some(vertices), Some(tets)) if !vertices.is_empty() && !tets.is_empty() => Ok((vertices, tets.len())),
+        _ => Err(Error::malformed("no tetrahedra").file(path).expected("the sections Vertices and Tetrahedra")),
+    }
+}
+
 fn parse(bytes: &[u8], unit_box: &UnitBox) -> Result<(Proxy, Notes)> {
+    assemble(sections(bytes)?, unit_box)
+}
+
+fn sections(bytes: &[u8]) -> Result<File> {
     let mut unpacked = Vec::new();
     let text = if bytes.starts_with(&[0x1F, 0x8B]) {
         let mut gunzip = MultiGzDecoder::new(bytes).take(LARGEST);
@@ -57,8 +73,7 @@ fn parse(bytes: &[u8], unit_box: &UnitBox) -> Result<(Proxy, Notes)> {
     if text.starts_with(&[1, 0, 0, 0]) || text.starts_with(&[0, 0, 0, 1]) {
         return Err(Error::new(Kind::Unsupported, "a binary MEDIT file").expected("MEDIT text (.mesh)"));
     }
-    let file = File::parse(text)?;
-    assemble(file, unit_box)
+    File::parse(text)
 }
 
 /// What the file says.

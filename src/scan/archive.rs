@@ -256,7 +256,8 @@ pub(super) mod tests {
 
     #[test]
     fn cut_and_changed_archives_are_errors() {
-        let whole = zip(&[("a.obj", &b"v 1 2 3\n".repeat(9), true), ("b.png", b"0123456789", false)]);
+        let (text, digits) = (b"v 1 2 3\n".repeat(9), b"0123456789".to_vec());
+        let whole = zip(&[("a.obj", &text, true), ("b.png", &digits, false)]);
         for cut in 0..whole.len() {
             assert!(Archive::open(whole[..cut].to_vec()).is_err(), "{cut}");
         }
@@ -264,9 +265,8 @@ pub(super) mod tests {
             let mut bytes = whole.clone();
             bytes[at] ^= 0x5a;
             if let Ok(archive) = Archive::open(bytes) {
-                for entry in archive.files() {
-                    let content = archive.unpack(entry);
-                    assert!(content.is_err() || [72, 10].contains(&content.unwrap().len()), "{at}");
+                for content in archive.files().filter_map(|e| archive.unpack(e).ok()) {
+                    assert!(content == text || content == digits, "{at}");
                 }
             }
         }

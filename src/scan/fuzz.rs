@@ -93,6 +93,8 @@ pub(super) fn check(scan: &Scan, length: usize) {
     optional(&look.corner_normals, corners, usize::MAX);
     optional(&look.face_materials, faces, look.materials.len());
     optional(&look.face_groups, faces, look.groups.len());
+    assert!(look.twins.is_empty() || look.twins.len() == vertices);
+    assert!(look.twins.iter().enumerate().all(|(v, &t)| t as usize <= v && look.twins[t as usize] == t));
     assert!(look.uvs.iter().flatten().all(|x| x.is_finite()));
     assert!(look.colors.is_empty() || look.colors.len() == vertices);
     assert!(look.colors.iter().flatten().all(|x| (0.0..=1.0).contains(x)));

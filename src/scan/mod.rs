@@ -171,6 +171,9 @@ pub struct Appearance {
     /// The file's normal index per corner, or [`NONE`]: corners of one vertex with different indices are a hard edge.
     /// The normals themselves are not kept, since they change with the pose.
     pub corner_normals: Vec<u32>,
+    /// Per vertex the first one that has its place and its normal in the file, itself where none has: formats with one set of looks per
+    /// vertex (glTF) repeat vertices along seams, where the surface is smooth nevertheless.
+    pub twins: Vec<u32>,
     /// RGBA per vertex, 0 to 1 as stored in the file (sRGB by convention).
     pub colors: Vec<[f32; 4]>,
     /// Whether the file's colours have an alpha.

@@ -424,17 +424,17 @@ fn packed_files_read_like_plain_ones() {
 fn an_archive_gives_a_mesh_its_materials_and_textures() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("body.zip");
-    let obj = b"mtllib Looks.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl skin\nf 1/1 2/1 3/1\n";
-    let mtl = b"newmtl skin\nKd 0 0 0\nmap_Kd ..\\tex\\Face.PNG\nmap_bump gone.png\n";
+    let obj = b"mtllib mat/Looks.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl skin\nf 1/1 2/1 3/1\n";
+    let mtl = b"newmtl skin\nKd 0 0 0\nmap_Kd ..\\mat\\Face.PNG\nmap_bump gone.png\n";
     std::fs::write(
         &path,
-        zip(&[("m/body.obj", obj, true), ("m/looks.mtl", mtl, true), ("tex/face.png", b"\x89PNG\r\n\x1a\n", true)]),
+        zip(&[("m/body.obj", obj, true), ("m/mat/looks.mtl", mtl, true), ("m/mat/face.png", b"\x89PNG\r\n\x1a\n", true)]),
     )
     .unwrap();
     let scan = read(&path).unwrap();
     assert_eq!(scan.source, path);
     let texture = scan.look.materials[0].base_color_texture.clone().unwrap();
-    assert_eq!((texture.name().as_str(), texture.read().unwrap().as_slice()), ("tex/face.png", &b"\x89PNG\r\n\x1a\n"[..]));
+    assert_eq!((texture.name().as_str(), texture.read().unwrap().as_slice()), ("m/mat/face.png", &b"\x89PNG\r\n\x1a\n"[..]));
     assert_eq!(scan.notes.iter().collect::<Vec<_>>(), ["textures are missing: 'gone.png'"]);
     assert!(scan.look.material_libraries.is_empty());
 

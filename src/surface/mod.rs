@@ -43,7 +43,8 @@ impl SurfaceMap {
     }
 
     /// Builds the map so that small loose pieces (hair, lashes, debris: smaller than 5 % of the diagonal and off the body) move as one:
-    /// all their vertices follow the place where the piece is nearest. `faces` are the scan's, over `points`.
+    /// all their vertices follow the place where the piece is nearest. Where parts touch or overlap at rest (an arm against the trunk), vertices
+    /// follow the part that the skin around them follows ([`MapKind::Ring`]). `faces` are the scan's, over `points`.
     pub fn build_by_pieces(proxy: &Proxy, points: &[DVec3], faces: &Faces, kind: MapKind) -> Result<Self> {
         Self::build_with(proxy, points, Some(faces), kind)
     }

@@ -14,6 +14,8 @@ pub struct NormalVertices {
     pub vertices: Vec<u32>,
     /// Normal vertex of each face corner.
     pub corners: Vec<u32>,
+    /// Normal vertices that take the normal of another one: they are the same point of a smooth surface.
+    pub twins: Vec<[u32; 2]>,
 }
 
 impl NormalVertices {
@@ -22,7 +24,12 @@ impl NormalVertices {
     pub fn of(scan: &Scan) -> Self {
         let count = scan.mesh.positions.len();
         let corners = &scan.mesh.faces.corners;
-        let mut all = Self { vertices: (0..count as u32).collect(), corners: corners.clone() };
+        let mut all = Self { vertices: (0..count as u32).collect(), corners: corners.clone(), twins: Vec::new() };
+        if scan.look.twins.len() == count {
+            let first = |v: u32| scan.look.twins[v as usize];
+            all.corners.iter_mut().for_each(|corner| *corner = first(*corner));
+            all.twins = all.vertices.iter().map(|&v| [v, first(v)]).filter(|[v, first]| v != first).collect();
+        }
         let normals = &scan.look.corner_normals;
         if normals.len() != corners.len() {
             return all;
@@ -72,11 +79,12 @@ impl NormalVertices {
                 face += 1;
             }
         }
-        for normal in out {
+        for normal in out.iter_mut() {
             let length = dot(*normal, *normal).sqrt();
             // Not written as a division by zero: cancelled and missing normals alike.
             *normal = if length > 1e-12 && length.is_finite() { normal.map(|x| x / length) } else { WITHOUT_FACE };
         }
+        self.twins.iter().for_each(|&[vertex, first]| out[vertex as usize] = out[first as usize]);
     }
 
     /// [`NormalVertices::compute`] for several frames in parallel; the bits are the same.
@@ -261,6 +269,20 @@ mod tests {
         for (c, &normal_vertex) in split.corners.iter().enumerate() {
             assert_eq!(split.vertices[normal_vertex as usize], hard.mesh.faces.corners[c]);
         }
+    }
+
+    #[test]
+    fn a_seam_between_repeated_vertices_is_smooth() {
+        // Two triangles at a right angle over one edge, whose ends the second repeats.
+        let points = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::X, DVec3::ZERO, DVec3::Z];
+        let mut scan = scan(&points, &[&[0, 1, 2], &[3, 4, 5]]);
+        let apart = normals(&scan);
+        assert!(apart[0].distance(Vec3::Z) < 1e-6 && apart[4].distance(Vec3::Y) < 1e-6);
+        scan.look.twins = vec![0, 1, 2, 1, 0, 5];
+        let together = normals(&scan);
+        let mean = (Vec3::Y + Vec3::Z).normalize();
+        assert!([0, 1, 3, 4].iter().all(|&v: &usize| together[v].distance(mean) < 1e-4), "{together:?}");
+        assert!(together[2] == apart[2] && together[5] == apart[5]);
     }
 
     #[test]

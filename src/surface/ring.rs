@@ -1,5 +1,6 @@
 //! The map by faces: pairs (face, weight) per scan vertex, one affine map per face and pose.
 
+mod sheets;
 mod weights;
 
 use super::apply::{Avx2, Indices, Pool, chunks, pack};
@@ -39,6 +40,7 @@ impl RingMap {
         let maps = RingMaps::new(proxy);
         let mut feet = weights::feet(proxy, points);
         if let Some(faces) = faces {
+            sheets::keep_to_own_part(proxy, maps.centres(), points, faces, &mut feet);
             for piece in loose_pieces(points, faces, |v| feet[v].distance) {
                 let nearest = piece.iter().map(|&v| feet[v as usize]).reduce(|a, b| if b.distance < a.distance { b } else { a });
                 let Some(nearest) = nearest else { continue };

@@ -215,3 +215,62 @@ fn a_single_tetrahedron_is_a_body() {
         assert!(double(o).distance(affine(p)) < 5e-7);
     }
 }
+
+#[test]
+fn skin_follows_its_own_part_where_parts_overlap() {
+    use crate::scan::Faces;
+    // A spring of one and a quarter turns, so tight that its ends run a fifth of their width inside each other.
+    let (rings, sides, turns, pitch) = (240, 32, 1.25, 0.4);
+    let point = |turn: f64, angle: f64| {
+        let (s, c) = (turn * std::f64::consts::TAU).sin_cos();
+        let radius = 1.0 + 0.25 * angle.cos();
+        DVec3::new(radius * c, radius * s, pitch * turn + 0.25 * angle.sin()) / 3.0
+    };
+    let (mut points, mut at_turn, mut triangles) = (Vec::new(), Vec::new(), Vec::new());
+    for i in 0..=rings {
+        let turn = turns * f64::from(i) / f64::from(rings);
+        for k in 0..sides {
+            points.push(point(turn, f64::from(k) / f64::from(sides) * std::f64::consts::TAU));
+            at_turn.push(turn);
+        }
+    }
+    let at = |i: i32, k: i32| (i * sides + k % sides) as u32;
+    for i in 0..rings {
+        for k in 0..sides {
+            triangles.extend([[at(i, k), at(i + 1, k), at(i + 1, k + 1)], [at(i, k), at(i + 1, k + 1), at(i, k + 1)]]);
+        }
+    }
+    for k in 1..sides - 1 {
+        triangles.extend([[at(0, 0), at(0, k), at(0, k + 1)], [at(rings, 0), at(rings, k + 1), at(rings, k)]]);
+    }
+    let options = crate::proxy::BuildOptions { surface_vertices: 1500 };
+    let built = crate::proxy::build(&points, &triangles, &options, &|| Ok(())).unwrap();
+    assert!(built.summary.touching > 20, "{}", built.summary.touching);
+    let mut faces = Faces::default();
+    triangles.iter().for_each(|t| faces.push(*t));
+    // The part of a vertex of the proxy, where the skin tells it.
+    let part = |p: DVec3| {
+        let nearest = |select: &dyn Fn(f64) -> bool| {
+            let all = points.iter().zip(&at_turn).filter(|(_, turn)| select(**turn)).map(|(q, turn)| (q.distance(p), *turn));
+            all.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::INFINITY, 0.0))
+        };
+        let (distance, turn) = nearest(&|_| true);
+        let other = nearest(&|t| (t - turn).abs() > 0.5).0;
+        (distance < 0.01 && other > distance + 0.004).then_some(turn)
+    };
+    let strayed = |map: &SurfaceMap| {
+        let proxy = &built.proxy;
+        let parts: Vec<Option<f64>> = proxy.rest.iter().map(|p| part(*p)).collect();
+        let far = |v: usize| {
+            let row = map.row(v);
+            let foreign = row.indices.iter().zip(&row.values);
+            let foreign = foreign.filter(|(w, _)| parts[**w as usize].is_some_and(|turn| (turn - at_turn[v]).abs() > 0.5));
+            foreign.map(|(_, c)| c.abs()).sum::<f64>() > 0.05
+        };
+        (0..points.len()).filter(|&v| far(v)).count()
+    };
+    let with = strayed(&SurfaceMap::build_by_pieces(&built.proxy, &points, &faces, MapKind::Ring).unwrap());
+    let without = strayed(&SurfaceMap::build(&built.proxy, &points, MapKind::Ring).unwrap());
+    eprintln!("{without} vertices on another part, {with} with the faces of the skin");
+    assert!(with == 0 && without > 0, "{with} with, {without} without the skin's faces");
+}

@@ -123,9 +123,9 @@ impl Book<'_> {
         let elbow = self.all(Word::Elbow, side).next();
         let shoulder = self.all(Word::Shoulder, side).next();
         let shoulder = shoulder.or_else(|| {
-            let words: Vec<usize> = self.all(Word::ShoulderWord, side).collect();
+            let words: Vec<usize> = self.all(Word::SomeShoulder, side).collect();
             let carries = |&s: &usize| elbow.is_none_or(|e| self.rig.is_above(s, e));
-            words.iter().copied().filter(carries).next_back().or(words.last().copied())
+            words.iter().copied().rfind(carries).or(words.last().copied())
         });
         let elbow = self.under(shoulder, self.all(Word::Elbow, side)).or(elbow.filter(|_| shoulder.is_none()));
         let wrist = self.under(elbow, self.all(Word::Wrist, side));
@@ -140,7 +140,9 @@ impl Book<'_> {
     }
 
     fn leg(&self, side: Side, missing: &mut Vec<String>) -> Option<Leg> {
-        let hips: Vec<usize> = self.all(Word::Hip, side).collect();
+        // Where both sides begin in one point there is a link more.
+        let apart = |&hip: &usize| !self.all(Word::Hip, side.other()).any(|other| self.rig.coincide(hip, other));
+        let hips: Vec<usize> = self.all(Word::Hip, side).filter(apart).collect();
         let is_word = |&&h: &&usize| matches!(self.core(h), "hip" | "hips");
         let hip = hips.iter().find(|h| !is_word(h)).or(hips.first()).copied();
         let knee = self.under(hip, self.all(Word::Knee, side));

@@ -6,10 +6,11 @@ use glam::DVec3;
 
 /// Ends that are looked at.
 const ENDS: usize = 8;
-/// Lengths along the bones between the ends of a person, in those from head to foot: head to hand, hand to hand, hand to foot, foot to foot.
-const PROPORTIONS: [f64; 4] = [0.65, 0.98, 1.33, 1.18];
+/// Lengths along the bones between the ends of a person, in those from head to foot: head to hand, hand to hand, hand to foot, foot to
+/// foot; the middle of eight families of skeletons.
+const PROPORTIONS: [f64; 4] = [0.68, 0.96, 1.28, 1.26];
 /// Mean deviation from these up to which a tree is a person.
-const LIKE: f64 = 0.12;
+const LIKE: f64 = 0.14;
 /// How much worse the second-best reading must be.
 const MARGIN: f64 = 0.02;
 /// Say of the difference between the two sides.

@@ -17,8 +17,9 @@ pub(super) struct Grip {
     pub segment: Segment,
 }
 
-/// Shares of the way from hips to neck at which rings hold the trunk.
-const TRUNK: [f64; 5] = [0.0, 0.22, 0.44, 0.66, 0.86];
+/// Shares of the way from hips to neck at which the trunk is held, and whether at its sides too: beside the chest the skin goes with the
+/// arms, below the waist with the thighs.
+const TRUNK: [(f64, bool); 4] = [(0.18, true), (0.42, true), (0.66, false), (0.86, false)];
 
 /// Across a bone: outwards, inwards, to the front, to the back.
 const ACROSS: [(&str, [f64; 3]); 4] =
@@ -49,14 +50,14 @@ impl Builder<'_> {
 pub(super) fn all(puppet: &Puppet<'_>, body: &Skeleton, tree: &TriangleTree) -> Vec<Grip> {
     let mut b = Builder { body, tree, grips: Vec::new() };
     let sides = [("left", Side::Left), ("right", Side::Right)];
-    for t in TRUNK {
-        let part = puppet.trunk_at(t);
+    let round = [ACROSS[2], ACROSS[3], ("left", [1.0, 0.0, 0.0]), ("right", [-1.0, 0.0, 0.0])];
+    for (t, sides) in TRUNK {
         let stretch = if t < 0.2 { Stretch::Pelvis } else { Stretch::Trunk };
-        let directions = [("left", [1.0, 0.0, 0.0]), ("right", [-1.0, 0.0, 0.0]), ACROSS[2], ACROSS[3]];
-        b.ring("trunk", stretch, Side::Middle, t, part, &directions);
+        b.ring("trunk", stretch, Side::Middle, t, puppet.trunk_at(t), if sides { &round } else { &round[..2] });
     }
+    let middle = body.bone(Segment::Pelvis).origin.lerp(body.neck, 0.75);
+    b.inside("chest".to_owned(), middle, puppet.trunk_at(0.75), Segment::Trunk);
     b.inside("neck".to_owned(), body.neck, Part::Neck, Segment::Trunk);
-    let round = [("left", [1.0, 0.0, 0.0]), ("right", [-1.0, 0.0, 0.0]), ACROSS[2], ACROSS[3]];
     b.ring("head", Stretch::Head, Side::Middle, 0.5, Part::Head, &round);
     b.ring("head", Stretch::Head, Side::Middle, 0.9, Part::Head, &[("top", [0.0, 0.0, 1.0])]);
     for (s, (word, side)) in sides.into_iter().enumerate() {

@@ -8,6 +8,7 @@ mod form;
 mod grips;
 mod names;
 mod neutral;
+mod own;
 mod puppet;
 mod rig;
 mod stance;
@@ -157,6 +158,26 @@ pub(super) fn bind(
     })
 }
 
+/// Binds a skeleton that lies in the scan at rest; `None` where it does not. `--align none` takes its word for it.
+pub(super) fn bind_own(
+    scan: &ScanShape<'_>,
+    body: Option<&Body>,
+    capture: &Capture,
+    take: &SkeletonTake,
+    options: &Options,
+) -> Option<Result<Binding>> {
+    let rig = Rig { take, mirror: options.mirror };
+    let factor = match (own::lies_in(scan, &rig, capture, options), options.align) {
+        (Some(factor), _) => factor,
+        (None, Align::None) => {
+            let unit = options.capture_unit.map(|u| Known::new(u, Evidence::User)).or(capture.space.unit);
+            options.scale.unwrap_or(1.0) * unit_factor(unit, scan_unit(scan, body, options))
+        }
+        _ => return None,
+    };
+    Some(own::bind(scan, body, capture, take, factor, options))
+}
+
 /// The parts of the joints and their lengths, or why this is no human skeleton.
 fn recognise(rig: &Rig<'_>, options: &Options, notes: &mut Notes) -> Result<(Cast, Lengths)> {
     let refusal = |what: String| {
@@ -164,7 +185,7 @@ fn recognise(rig: &Rig<'_>, options: &Options, notes: &mut Notes) -> Result<(Cas
             .expected("a person's skeleton: pelvis, chest, and on both sides shoulder, elbow, wrist, hip, knee and ankle")
             .hint("a skeleton with the usual names (Hips, LeftArm, LeftForeArm, …); --align none when it lies in the scan")
     };
-    let cast = match cast::by_names(rig, options.swap_sides) {
+    let mut cast = match cast::by_names(rig, options.swap_sides) {
         Ok(cast) => cast,
         Err(missing) => {
             let missing = missing.join(", no ");
@@ -175,6 +196,9 @@ fn recognise(rig: &Rig<'_>, options: &Options, notes: &mut Notes) -> Result<(Cas
             cast
         }
     };
+    for side in 0..2 {
+        cast.legs[side].toe = neutral::pointing_toe(rig, &cast, side);
+    }
     let lengths = Lengths::of(rig, &cast).ok_or_else(|| refusal("no frame shows all joints of the limbs".to_owned()))?;
     let shortest =
         [lengths.thigh, lengths.shank, lengths.upper_arm, lengths.forearm, lengths.torso].into_iter().fold(f64::MAX, f64::min);

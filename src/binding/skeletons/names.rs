@@ -5,7 +5,7 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-/// What the dictionary takes a joint's name for. `ShoulderWord` and `HipWord` mean one joint or another, after the rest of the side.
+/// What the dictionary takes a joint's name for. `SomeShoulder` and `SomeHip` mean one joint or another, after the rest of the side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Word {
@@ -17,12 +17,12 @@ pub(super) enum Word {
     Head,
     HeadEnd,
     Clavicle,
-    ShoulderWord,
+    SomeShoulder,
     Shoulder,
     Elbow,
     Wrist,
     HandEnd,
-    HipWord,
+    SomeHip,
     Hip,
     Knee,
     Ankle,
@@ -161,11 +161,11 @@ mod tests {
             ("Character1_LeftHand", Word::Wrist, Left),
             ("J_Bip_L_UpperLeg", Word::Hip, Left),
             ("joint_Root", Word::Pelvis, Middle),
-            ("Shoulder_L", Word::ShoulderWord, Left),
+            ("Shoulder_L", Word::SomeShoulder, Left),
             ("l_larm", Word::Elbow, Left),
             ("LArm", Word::Shoulder, Left),
             ("rfemur", Word::Hip, Right),
-            ("LHipJoint", Word::HipWord, Left),
+            ("LHipJoint", Word::SomeHip, Left),
             ("lHip", Word::Hip, Left),
             ("Hips", Word::Pelvis, Middle),
             ("Neck1", Word::Neck, Middle),

@@ -74,6 +74,25 @@ fn leg(rig: &Rig<'_>, cast: &Cast, pose: Pose, side: usize) -> Option<[Option<DV
     Some([(k - h).try_normalize(), (a - k).try_normalize(), foot.and_then(DVec3::try_normalize)])
 }
 
+/// Least angle in degrees between shank and foot that tells where the foot points.
+const POINTING: f64 = 30.0;
+
+/// The first joint from the cast's toe on that lies in front of the ankle and not under it, as stubs on the floor do.
+pub(super) fn pointing_toe(rig: &Rig<'_>, cast: &Cast, side: usize) -> Option<usize> {
+    let leg = &cast.legs[side];
+    let points = |toe: usize| {
+        let angle = |frame: usize| {
+            let [k, a, t] = [leg.knee, leg.ankle, toe].map(|j| rig.place(Pose::Frame(frame), j));
+            let (shank, foot) = (a? - k?, t? - a?);
+            (foot.length() > 0.05 * shank.length()).then(|| foot.angle_between(shank).to_degrees())
+        };
+        let mut angles: Vec<f64> = rig.sample(60).into_iter().filter_map(angle).collect();
+        quantile(&mut angles, 0.5).is_some_and(|angle| angle > POINTING)
+    };
+    let onward = |&toe: &usize| rig.take.joints.iter().position(|j| j.parent == Some(toe));
+    std::iter::successors(leg.toe, onward).find(|&toe| points(toe))
+}
+
 /// From the scan's rest to the capture's body in a pose. `up` of the capture is for bodies that stand; of others the trunk tells.
 fn body_turn(rig: &Rig<'_>, cast: &Cast, body: &Skeleton, pose: Pose) -> Option<DQuat> {
     let trunk = (shoulders(rig, cast, pose)? - hips(rig, cast, pose)?).try_normalize()?;
@@ -118,9 +137,18 @@ pub(super) fn nearness_of(rig: &Rig<'_>, cast: &Cast, body: &Skeleton, frame: us
     nearness(rig, cast, body, Pose::Frame(frame))
 }
 
-/// The file's rest, where it shows a standing person: legs below the trunk, arms to the sides or down, elbows hardly bent.
+/// The file's rest, where it shows a standing person: legs below the trunk, arms to the sides or down, elbows hardly bent; and where
+/// hips and shoulders keep their directions against the pelvis and the chest in the frames, as they do unless turns are arbitrary.
 pub(super) fn rest(rig: &Rig<'_>, cast: &Cast, body: &Skeleton) -> Option<Nearness> {
     let near = nearness(rig, cast, body, Pose::Rest)?;
+    let [left, right] = cast.arms.map(|arm| arm.shoulder);
+    if drift(rig, cast.chest(), left, right)? > GIRDLE {
+        return None;
+    }
+    let [left, right] = cast.legs.map(|leg| leg.hip);
+    if drift(rig, cast.pelvis(), left, right)? > GIRDLE {
+        return None;
+    }
     let turn = body_turn(rig, cast, body, Pose::Rest)?;
     let (up, forward) = (turn * body.up, turn * body.forward);
     for side in 0..2 {
@@ -135,6 +163,18 @@ pub(super) fn rest(rig: &Rig<'_>, cast: &Cast, body: &Skeleton) -> Option<Nearne
         }
     }
     Some(near)
+}
+
+/// Angle in degrees by which the line of the shoulders or hips may typically leave its direction of the rest.
+const GIRDLE: f64 = 35.0;
+
+/// Median angle between the line from `right` to `left` in a joint's axes and the same at rest, in degrees.
+fn drift(rig: &Rig<'_>, joint: usize, left: usize, right: usize) -> Option<f64> {
+    let line = |pose: Pose| Some(rig.turn(pose, joint)?.inverse() * (rig.place(pose, left)? - rig.place(pose, right)?));
+    let rest = line(Pose::Rest)?;
+    let frames = rig.sample(SAMPLES).into_iter();
+    let mut angles: Vec<f64> = frames.filter_map(|f| Some(line(Pose::Frame(f))?.angle_between(rest).to_degrees())).collect();
+    quantile(&mut angles, 0.5)
 }
 
 impl Neutral {

@@ -54,6 +54,13 @@ impl Rig<'_> {
         (length.is_finite() && length > 1e-3).then(|| q / length)
     }
 
+    /// Whether two joints are in one place, in the first frame that shows both.
+    pub(super) fn coincide(&self, a: usize, b: usize) -> bool {
+        let poses = self.sample(20).into_iter().map(Pose::Frame);
+        let gap = |pose: Pose| Some((self.place(pose, a)? - self.place(pose, b)?, self.place(pose, a)?));
+        poses.chain([Pose::Rest]).find_map(gap).is_some_and(|(gap, place)| gap.length() <= 1e-5 * (1.0 + place.length()))
+    }
+
     /// Whether the joints have no hierarchy.
     pub(super) fn is_flat(&self) -> bool {
         self.take.joints.iter().all(|j| j.parent.is_none())

@@ -1,7 +1,7 @@
 //! Made skeletons with arbitrary axes at their joints, posed by known turns.
 
 use super::*;
-use crate::binding::landmarks::Joint as Landmark;
+use crate::binding::landmarks::{Joint as Landmark, NotHuman};
 use crate::binding::tests::{Person, person};
 use crate::capture::{Joint, Motion};
 use crate::error::Kind;
@@ -23,7 +23,7 @@ const MIXAMO: [Made; 23] = {
     [
         ("Hips", None, Point(0.0, 0.96, 0.0)),
         ("Spine", Some("Hips"), Point(0.0, 1.05, 0.0)),
-        ("Spine1", Some("Spine"), Point(0.0, 1.2, 0.0)),
+        ("Spine1", Some("Spine"), Point(0.0, 1.3, 0.0)),
         ("Neck", Some("Spine1"), Mark(Neck)),
         ("Head", Some("Neck"), Mark(Head)),
         ("LeftShoulder", Some("Spine1"), Point(0.05, 1.4, 0.0)),
@@ -129,7 +129,7 @@ impl Actor {
 
 fn bound(person: &Person, capture: &Capture, options: &Options) -> Result<Binding> {
     let space = Space::default();
-    let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space };
+    let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space, mesh: None };
     crate::binding::bind(&scan, Ok(person.body.clone()), capture, None, options)
 }
 
@@ -236,6 +236,71 @@ fn limbs_point_where_the_skeletons_do_whatever_the_rest() {
 }
 
 #[test]
+fn a_rest_whose_turns_mean_nothing_is_not_used() {
+    // As networks write them: the chest is turned by a right angle against the rest, and the shoulders undo it.
+    let model = person(0.4);
+    let actor = Actor::like(&model, 1.0);
+    let frames: Vec<Bend> = exercise()
+        .into_iter()
+        .map(|mut frame| {
+            let quarter = DVec3::Y * 1.5;
+            frame.turns.extend([("Spine1", quarter), ("LeftShoulder", -quarter), ("RightShoulder", -quarter)]);
+            frame
+        })
+        .collect();
+    let capture = actor.capture(&Bend::default(), &frames);
+    let binding = bound(&model, &capture, &Options { yaw: Some(0.0), ..Options::default() }).unwrap();
+    assert!(!binding.decisions.reference_rest);
+    // The first frame is the model's own pose but for the places of the shoulders: the chest faces the front there.
+    let front = target(&binding, 0, "trunk 86 front") - target(&binding, 0, "trunk 86 back");
+    assert!(front.angle_between(DVec3::Z).to_degrees() < 20.0, "{front}");
+}
+
+#[test]
+fn a_stub_under_the_ankle_is_no_toe() {
+    let model = person(0.4);
+    let mut actor = Actor::like(&model, 1.0);
+    for name in ["LeftToeBase", "RightToeBase"] {
+        let toe = actor.names.iter().position(|n| n == name).unwrap();
+        let forward = std::mem::replace(&mut actor.offsets[toe], DVec3::Y * -0.07);
+        actor.names.push(format!("{name}_End"));
+        actor.parents.push(Some(toe));
+        actor.offsets.push(forward - actor.offsets[toe]);
+        actor.axes.push(DQuat::IDENTITY);
+    }
+    let capture = actor.capture(&Bend::default(), &exercise());
+    let binding = bound(&model, &capture, &Options { yaw: Some(0.0), ..Options::default() }).unwrap();
+    // The first frame is the model's own pose: the toes are where they are at rest.
+    for label in ["left toes 85 out", "right toes 85 in", "left foot 0 back"] {
+        let moved = target(&binding, 0, label) - attachment(&binding, label);
+        assert!(moved.length() < 1e-3 * model.body.stature, "{label}: {moved}");
+    }
+}
+
+#[test]
+fn hips_in_one_point_are_a_link_more() {
+    let model = person(0.4);
+    let mut actor = Actor::like(&model, 1.0);
+    let at = |actor: &Actor, name: &str| actor.names.iter().position(|n| n == name).unwrap();
+    for (side, hip) in [("Left", "__LeftUpLeg"), ("Right", "__RightUpLeg")] {
+        let old = at(&actor, &format!("{side}UpLeg"));
+        actor.names.insert(old, hip.to_owned());
+        actor.parents.insert(old, Some(0));
+        actor.offsets.insert(old, DVec3::ZERO);
+        actor.axes.insert(old, DQuat::IDENTITY);
+        for parent in actor.parents.iter_mut().flatten().filter(|p| **p >= old) {
+            *parent += 1;
+        }
+        actor.parents[old + 1] = Some(old);
+    }
+    let capture = actor.capture(&Bend::default(), &exercise());
+    let Motion::Skeleton(take) = &capture.motion else { unreachable!() };
+    let cast = cast::by_names(&Rig { take, mirror: false }, false).unwrap();
+    assert_eq!(take.joints[cast.legs[0].hip].name, "LeftUpLeg");
+    assert_eq!(take.joints[cast.pelvis()].name, "Hips");
+}
+
+#[test]
 fn the_line_tells_names_family_space_and_size() {
     let model = person(0.0);
     let capture = Actor::like(&model, 1.2).capture(&Bend::default(), &exercise());
@@ -267,7 +332,7 @@ fn a_body_that_is_the_actors_own_follows_exactly() {
         ("right thigh 68 in", "RightUpLeg"),
         ("right shank 32 back", "RightLeg"),
         ("left ankle", "LeftLeg"),
-        ("trunk 0 back", "Hips"),
+        ("trunk 18 back", "Hips"),
     ] {
         let j = actor.names.iter().position(|n| n == joint).unwrap();
         let local = z_up() * model.unit_box.leave(attachment(&binding, label)) * 100.0;
@@ -425,4 +490,45 @@ fn a_tree_that_is_no_person_is_no_cast() {
     let Motion::Skeleton(take) = &capture.motion else { unreachable!() };
     assert!(form::cast(&Rig { take, mirror: false }, false).is_none());
     assert_eq!(bound(&model, &capture, &Options::default()).unwrap_err().exit_code(), 3);
+}
+
+#[test]
+fn a_skeleton_that_lies_in_the_scan_moves_it_as_it_is() {
+    let model = person(0.5);
+    let mut actor = Actor::like(&model, 1.0);
+    actor.axes.reverse();
+    // In the scan's own axes and metres.
+    let pose = |bend: &Bend| -> Vec<(DVec3, DQuat)> {
+        actor.pose(bend).into_iter().map(|(p, q)| (z_up().inverse() * p / 100.0, z_up().inverse() * q)).collect()
+    };
+    let mut capture = actor.capture(&Bend::default(), &[]);
+    let Motion::Skeleton(take) = &mut capture.motion else { unreachable!() };
+    for (joint, (p, q)) in take.joints.iter_mut().zip(pose(&Bend::default())) {
+        (joint.rest, joint.rest_turn) = (p, q);
+    }
+    for (p, q) in exercise().iter().flat_map(&pose) {
+        take.origins.points.push(p.to_array().map(|x| x as f32));
+        take.rotations.push(q.to_array().map(|x| x as f32));
+    }
+    let space = Space::default();
+    let scan = ScanShape { tree: &model.tree, unit_box: model.unit_box, space: &space, mesh: None };
+    let nobody = NotHuman::default();
+    let binding = crate::binding::bind(&scan, Err(nobody), &capture, None, &Options::default()).unwrap();
+    let at = |frame: usize, name: &str| {
+        let j = actor.names.iter().position(|n| n == name).unwrap();
+        model.unit_box.enter(pose(&exercise()[frame])[j].0)
+    };
+    for name in ["LeftHand", "RightLeg", "Head"] {
+        assert!(
+            attachment(&binding, name)
+                .distance(model.unit_box.enter(pose(&Bend::default())[actor.names.iter().position(|n| n == name).unwrap()].0))
+                < 1e-6
+        );
+        assert!(target(&binding, 11, name).distance(at(11, name)) < 1e-6, "{name}");
+    }
+    // Somewhere else it is refused.
+    let Motion::Skeleton(take) = &mut capture.motion else { unreachable!() };
+    take.joints.iter_mut().for_each(|joint| joint.rest += DVec3::X * 3.0);
+    let error = crate::binding::bind(&scan, Err(NotHuman::default()), &capture, None, &Options::default());
+    assert_eq!(error.unwrap_err().exit_code(), 3);
 }

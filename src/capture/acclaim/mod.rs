@@ -23,11 +23,11 @@ const ASSUMED_RATE: f64 = 120.0;
 /// Angles beyond one turn in radians, as a share of all above which they are in degrees whatever the file says.
 const TOO_MANY_TURNS: f64 = 0.05;
 
-/// Reads a pair of files of which one is given.
+/// Reads a pair of files of which one is given; `skeleton` is the other one, `rate` their frames per second.
 ///
 /// # Errors
 /// As [`partner::pair`], [`asf::read`] and [`amc::read`], each with its file.
-pub(super) fn open(path: &Path, skeleton: Option<&Path>) -> Result<SkeletonFile> {
+pub(super) fn open(path: &Path, skeleton: Option<&Path>, rate: Option<f64>) -> Result<SkeletonFile> {
     let mut notes = Notes::default();
     let (skeleton, motion) = partner::pair(path, skeleton, &mut notes)?;
     let in_file = |file: &Path| {
@@ -35,15 +35,21 @@ pub(super) fn open(path: &Path, skeleton: Option<&Path>) -> Result<SkeletonFile>
         move |e: Error| e.file(&file).hint_for_broken_file()
     };
     let asf = source::load(&skeleton).and_then(|bytes| asf::read(&bytes)).map_err(in_file(&skeleton))?;
-    let mut file = source::load(&motion).and_then(|bytes| read(asf, &bytes)).map_err(in_file(&motion))?;
+    let mut file = source::load(&motion).and_then(|bytes| read(asf, &bytes, rate)).map_err(in_file(&motion))?;
     notes.extend(std::mem::take(&mut file.notes));
     file.notes = notes;
     file.name = Some(source::stem(&motion));
     Ok(file)
 }
 
+/// Reads a pair of files from their bytes.
+#[cfg(any(test, fuzzing))]
+pub(super) fn parse(skeleton: &[u8], motion: &[u8]) -> Result<SkeletonFile> {
+    asf::read(skeleton).and_then(|asf| read(asf, motion, None))
+}
+
 /// The motion in `bytes` of the skeleton.
-fn read(mut asf: Asf, bytes: &[u8]) -> Result<SkeletonFile> {
+fn read(mut asf: Asf, bytes: &[u8], rate: Option<f64>) -> Result<SkeletonFile> {
     let mut amc = amc::read(bytes, &asf.bones)?;
     let mut notes = std::mem::take(&mut asf.notes);
     notes.extend(std::mem::take(&mut amc.notes));
@@ -75,10 +81,13 @@ fn read(mut asf: Asf, bytes: &[u8]) -> Result<SkeletonFile> {
     if open > 0 {
         notes.warn(format!("{} without all bones: these and what hangs on them are missing there", words::plural(open, "frame")));
     }
-    notes.warn(format!("the files do not say their rate: {ASSUMED_RATE} frames per second are assumed"));
+    if rate.is_none() {
+        notes.warn(format!("the files do not say their rate: {ASSUMED_RATE} frames per second are assumed"));
+    }
+    let rate = rate.unwrap_or(ASSUMED_RATE);
     let space = Space { unit: asf.unit.map(|u| Known::new(u, Evidence::File)), ..Space::default() };
     let first_frame = amc.frames[0].0;
-    Ok(SkeletonFile { take: frames.take(joints, Rest::Hierarchy), rate: ASSUMED_RATE, first_frame, space, name: asf.name, notes })
+    Ok(SkeletonFile { take: frames.take(joints, Rest::Hierarchy), rate, first_frame, space, name: asf.name, notes })
 }
 
 /// Whether angles of the motion are in radians: what the motion says, else the skeleton, unless the angles cannot be.

@@ -16,7 +16,7 @@ const AMC: &str = "#!OML:ASF leg.asf\n:FULLY-SPECIFIED\n:DEGREES\n7\nroot 1 2 3 
     9\nroot 1 2 5 0 0 0\nfemur 0 0 0\ntibia 0 0\n";
 
 fn parse(asf: &str, amc: &str) -> Result<SkeletonFile> {
-    asf::read(asf.as_bytes()).and_then(|asf| read(asf, amc.as_bytes()))
+    super::parse(asf.as_bytes(), amc.as_bytes())
 }
 
 fn said(file: &SkeletonFile) -> String {
@@ -167,6 +167,8 @@ fn the_other_file_of_the_pair_is_found() {
     let found = capture::read(&take, &options).unwrap();
     assert_eq!(at(skeleton(&found), "tibia", 2), DVec3::new(1.0, -2.0, 5.0));
     assert_eq!((found.name.as_str(), found.notes.iter().collect::<Vec<_>>()), ("cmu_01_02", vec![RATE]));
+    let timed = ReadOptions { rate: Some(60.0), ..ReadOptions::default() };
+    assert_eq!(capture::read(&take, &timed).map(|c| (c.rate, c.notes.is_empty())).unwrap(), (60.0, true));
     let named = ReadOptions { skeleton: Some(other), ..ReadOptions::default() };
     assert_eq!(at(skeleton(&capture::read(&take, &named).unwrap()), "tibia", 2), DVec3::new(1.0, -3.0, 5.0));
     assert_eq!(skeleton(&capture::read(&subject, &options).unwrap()).origins.frames(), 3);

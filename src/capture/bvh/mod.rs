@@ -26,18 +26,19 @@ const ROUND_IN_MOTION: f64 = 0.5;
 
 /// Reads a file.
 ///
-/// Joints have the names of the file; an end site is called `PARENT_End`. Frames are counted from 1.
+/// Joints have the names of the file; an end site is called `PARENT_End`. Frames are counted from 1. `fallback` is the rate of a file
+/// without a frame time that can be used.
 ///
 /// # Errors
 /// With the line: whatever is not BVH; see [`hierarchy::read`] and [`motion::read`].
-pub(super) fn read(bytes: &[u8]) -> Result<SkeletonFile> {
+pub(super) fn read(bytes: &[u8], fallback: Option<f64>) -> Result<SkeletonFile> {
     let mut notes = Notes::default();
     let mut text = Text::new(bytes);
     let hierarchy = hierarchy::read(&mut text)?;
     if hierarchy.columns == 0 {
         return Err(skeleton::no_frames("no joint has CHANNELS: nothing moves"));
     }
-    let rows = motion::read(&mut text, hierarchy.columns, &mut notes)?;
+    let rows = motion::read(&mut text, hierarchy.columns, fallback, &mut notes)?;
     let values = &rows.values;
     said_once(&hierarchy, values, &mut notes);
     let added = placing::added(&hierarchy, values, &mut notes);

@@ -23,7 +23,7 @@ pub(super) struct Rows {
 /// # Errors
 /// With row and line: rows with more or fewer numbers than there are channels (a row may be wrapped over several lines), words that are
 /// no numbers; no row at all.
-pub(super) fn read(text: &mut Text<'_>, columns: usize, notes: &mut Notes) -> Result<Rows> {
+pub(super) fn read(text: &mut Text<'_>, columns: usize, fallback: Option<f64>, notes: &mut Notes) -> Result<Rows> {
     let (mut announced, mut time) = (None, None);
     while let Some(word) = text.peek().map(<[u8]>::to_ascii_uppercase).filter(|w| w.starts_with(b"FRAME")) {
         text.word();
@@ -45,7 +45,7 @@ pub(super) fn read(text: &mut Text<'_>, columns: usize, notes: &mut Notes) -> Re
             time = Some((seconds, if value.contains(&b'.') || value.contains(&b',') { decimals } else { 0 }));
         }
     }
-    let rate = rate(time, notes);
+    let rate = rate(time, fallback, notes);
     let values = rows(text, columns, notes)?;
     let present = values.len() / columns;
     match announced {
@@ -70,14 +70,16 @@ fn value_after(text: &mut Text<'_>, tail: &[u8]) -> Vec<u8> {
     }
 }
 
-fn rate(time: Option<(f64, usize)>, notes: &mut Notes) -> f64 {
+fn rate(time: Option<(f64, usize)>, fallback: Option<f64>, notes: &mut Notes) -> f64 {
     let (found, rate) = match time {
         Some((seconds, decimals)) => (format!("Frame Time: is {seconds}"), skeleton::rate(seconds, decimals)),
         None => ("there is no Frame Time".to_owned(), f64::NAN),
     };
     if !(rate.is_finite() && rate > 0.0) {
-        notes.warn(format!("{found}: {ASSUMED_RATE} frames per second are assumed"));
-        return ASSUMED_RATE;
+        if fallback.is_none() {
+            notes.warn(format!("{found}: {ASSUMED_RATE} frames per second are assumed"));
+        }
+        return fallback.unwrap_or(ASSUMED_RATE);
     }
     if !USUAL_RATES.contains(&rate) {
         notes.warn(format!("{found}, which makes {rate} frames per second: doubtful"));

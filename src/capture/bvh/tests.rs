@@ -12,11 +12,11 @@ const SMALL: &str = "HIERARCHY\nROOT Hips\n{\n\tOFFSET 0.0 0.0 0.0\n\tCHANNELS 6
     2.0 92.5 3.0 -100.5 2.5 3.5 4.5 5.5 6.5 7.5 8.5 9.5\n";
 
 fn parse(text: &str) -> SkeletonFile {
-    read(text.as_bytes()).unwrap()
+    read(text.as_bytes(), None).unwrap()
 }
 
 fn refused(text: &str) -> Error {
-    read(text.as_bytes()).unwrap_err()
+    read(text.as_bytes(), None).unwrap_err()
 }
 
 fn said(file: &SkeletonFile) -> String {
@@ -111,7 +111,7 @@ fn texts_in_any_dress_are_the_same_take() {
         ("end of file mark", format!("{SMALL}\u{1a}")),
     ];
     for (what, text) in dresses {
-        let file = read(text.as_bytes()).unwrap_or_else(|e| panic!("{what}: {e}\n{text}"));
+        let file = read(text.as_bytes(), None).unwrap_or_else(|e| panic!("{what}: {e}\n{text}"));
         assert_eq!(file.take.joints, control.take.joints, "{what}");
         assert_eq!(file.take.origins.points, control.take.origins.points, "{what}");
         assert_eq!(file.take.rotations, control.take.rotations, "{what}");
@@ -239,6 +239,7 @@ fn frame_times_that_cannot_be_are_replaced() {
         assert!(said(&file).contains("30 frames per second are assumed"), "{}", said(&file));
     }
     assert!(said(&parse(&SMALL.replace("Frame Time: 0.04\n", ""))).contains("no Frame Time"));
+    assert_eq!(read(SMALL.replace("0.04", "0").as_bytes(), Some(50.0)).unwrap().rate, 50.0);
     assert!(said(&parse(&SMALL.replace("0.04", "30"))).contains("doubtful"));
 }
 

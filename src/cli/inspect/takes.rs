@@ -124,6 +124,7 @@ fn bone_lines(skeleton: &SkeletonTake) -> Vec<String> {
 fn bones(skeleton: &SkeletonTake) -> Value {
     let (low, high) = skeleton.range();
     json!({
+        "joints": skeleton.joints.iter().filter(|j| !j.end).count(),
         "parents": skeleton.joints.iter().map(|j| j.parent).collect::<Vec<_>>(),
         "ends": skeleton.joints.iter().map(|j| j.end).collect::<Vec<_>>(),
         "depth": skeleton.depth(),

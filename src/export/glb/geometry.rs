@@ -167,7 +167,11 @@ mod tests {
     }
 
     fn plain(scan: &Scan) -> NormalVertices {
-        NormalVertices { vertices: (0..scan.mesh.positions.len() as u32).collect(), corners: scan.mesh.faces.corners.clone() }
+        NormalVertices {
+            vertices: (0..scan.mesh.positions.len() as u32).collect(),
+            corners: scan.mesh.faces.corners.clone(),
+            twins: Vec::new(),
+        }
     }
 
     #[test]

@@ -4,6 +4,7 @@ mod looks;
 mod place;
 
 use super::beside::Beside;
+use super::weld::{bits, first_equal};
 use super::{Faces, Group, NONE, Scan};
 use crate::error::{Error, Result};
 use crate::gltf::{self, Attributes, Gltf, Node, Primitive, needs_extension};
@@ -62,6 +63,7 @@ fn parse(bytes: &[u8], beside: &Beside) -> Result<Scan> {
         scan: Scan::default(),
         looks: Looks::new(&gltf, beside, 2 * bytes.len() + gltf.bytes()),
         skins: Skins::default(),
+        normals: Vec::new(),
         most,
         counts: Counts::default(),
     };
@@ -80,6 +82,8 @@ struct Scene<'a> {
     scan: Scan,
     looks: Looks<'a>,
     skins: Skins,
+    /// Normal of every vertex as the file has it, not a number where it has none; with the node that shows the vertex.
+    normals: Vec<([f32; 3], u32)>,
     /// Most vertices and corners.
     most: usize,
     counts: Counts,
@@ -123,12 +127,18 @@ impl Scene<'_> {
         });
         let mut shared: Vec<Shared> = Vec::new();
         for primitive in &mesh.primitives {
-            self.primitive(primitive, &place, group, &mut shared).map_err(at)?;
+            self.primitive(primitive, &place, (n, group), &mut shared).map_err(at)?;
         }
         Ok(())
     }
 
-    fn primitive(&mut self, primitive: &Primitive, place: &Place, group: u32, shared: &mut Vec<Shared>) -> Result<()> {
+    fn primitive(
+        &mut self,
+        primitive: &Primitive,
+        place: &Place,
+        (node, group): (u32, u32),
+        shared: &mut Vec<Shared>,
+    ) -> Result<()> {
         let mode = primitive.mode.unwrap_or(4);
         match mode {
             0 => self.counts.points += 1,
@@ -157,7 +167,7 @@ impl Scene<'_> {
         let known = match known {
             Some(behind) => shared.len() - 1 - behind,
             None => {
-                let (first, count) = self.vertices(position, primitive, &looks, place)?;
+                let (first, count) = self.vertices(position, (node, &primitive.attributes), &looks, place)?;
                 shared.push(Shared { attributes: primitive.attributes, looks, first, count });
                 shared.len() - 1
             }
@@ -176,17 +186,17 @@ impl Scene<'_> {
         Ok(())
     }
 
-    /// Adds the vertices of a primitive; returns the first with their number.
+    /// Adds the vertices of a primitive that `node` shows; returns the first with their number.
     fn vertices(
         &mut self,
         position: u32,
-        primitive: &Primitive,
+        (node, attributes): (u32, &Attributes),
         looks: &looks::VertexLooks,
         place: &Place,
     ) -> Result<(u32, u32)> {
         self.room(self.scan.mesh.positions.len(), self.gltf.accessor(position)?.count as usize)?;
         let mut points: Vec<DVec3> = self.gltf.floats::<3>(position)?.into_iter().map(DVec3::from_array).collect();
-        self.counts.unweighted += place.put(self.gltf, &primitive.attributes, &mut points)?;
+        self.counts.unweighted += place.put(self.gltf, attributes, &mut points)?;
         if let Some(bad) = points.iter().position(|p| !p.is_finite()) {
             return Err(Error::malformed(format!("vertex {bad} (from 0) has coordinates that are not finite numbers"))
                 .at(format!("accessor {position}"))
@@ -196,6 +206,11 @@ impl Scene<'_> {
         let first = positions.len();
         positions.append(&mut points);
         let count = positions.len() - first;
+        let normals = match attributes.normal {
+            Some(normal) if self.gltf.accessor(normal)?.count == count as u64 => self.gltf.floats::<3>(normal)?,
+            _ => vec![[f64::NAN; 3]; count],
+        };
+        self.normals.extend(normals.iter().map(|n| (n.map(|x| x as f32), node)));
         self.counts.colored += usize::from(self.looks.add_vertices(looks, first, count, &mut self.scan)?);
         Ok((first as u32, count as u32))
     }
@@ -274,11 +289,28 @@ impl Scene<'_> {
             look.corner_uvs = corners.iter().map(|&v| if look.uvs[v as usize][0].is_nan() { NONE } else { v }).collect();
             look.uvs.iter_mut().filter(|uv| uv[0].is_nan()).for_each(|uv| *uv = [0.0; 2]);
         }
+        look.twins = twins(&scan.mesh.positions, &self.normals);
         self.looks.notes.into_iter().for_each(|text| scan.notes.warn(text));
         scan.space.unit = Some(Known::new(Unit::Metre, Evidence::File));
         scan.space.up = Some(Known::new(Axis { index: 1, negative: false }, Evidence::File));
         Ok(self.scan)
     }
+}
+
+/// Vertices of one node that have place and normal in common; empty if there are none.
+fn twins(positions: &[DVec3], normals: &[([f32; 3], u32)]) -> Vec<u32> {
+    let key = |v: usize| {
+        let ([x, y, z], node) = normals[v];
+        if !(x.is_finite() && y.is_finite() && z.is_finite()) {
+            return [v as u64, u64::MAX, 0, 0, 0];
+        }
+        let [px, py, pz] = positions[v].to_array().map(bits);
+        let two = |a: f32, b: u32| u64::from((a + 0.0).to_bits()) << 32 | u64::from(b);
+        [px, py, pz, two(x, (y + 0.0).to_bits()), two(z, node)]
+    };
+    let first = first_equal(positions.len(), key);
+    let any = first.iter().enumerate().any(|(v, &f)| v != f as usize);
+    if any { first } else { Vec::new() }
 }
 
 #[cfg(test)]

@@ -112,7 +112,7 @@ fn skinned_meshes_stand_as_their_joints_hold_them_at_rest() {
     let mut b = Builder::default();
     let points = b.floats(&SQUARE);
     let joints = b.accessor(5121, "VEC4", 4, [[0, 1, 0, 0]; 4].as_flattened().to_vec());
-    let weights = b.floats(&[[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.5, 0.5, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]);
+    let weights = b.floats(&[[0.25, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.5, 0.5, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]);
     let mut inverse = [[0.0f32; 16]; 2];
     inverse.iter_mut().for_each(|m| [0, 5, 10, 15].into_iter().for_each(|k| m[k] = 1.0));
     inverse[1][13] = -1.0;
@@ -259,4 +259,18 @@ fn a_scene_that_repeats_itself_without_end_is_refused() {
     let nodes = Value::Array(vec![json!({ "mesh": 0 }); 3000]);
     let file = b.file(nodes, json!([{ "primitives": [{ "attributes": { "POSITION": points } }] }]), json!({}));
     assert_eq!(parse(&file).unwrap_err().kind, Kind::Refused);
+}
+
+#[test]
+fn vertices_that_seams_repeat_are_twins() {
+    let mut b = Builder::default();
+    let points = b.floats(&[SQUARE[0], SQUARE[1], SQUARE[2], SQUARE[2], SQUARE[0], SQUARE[3]]);
+    let normals =
+        b.floats(&[[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, -0.0, 1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]);
+    let mesh = |attributes: Value| json!([{ "primitives": [{ "attributes": attributes }] }]);
+    let nodes = json!([{ "mesh": 0 }, { "mesh": 0 }]);
+    let scan = parse(&b.file(nodes.clone(), mesh(json!({ "POSITION": points, "NORMAL": normals })), json!({}))).unwrap();
+    // Corner 0 is a hard edge, corner 2 is not; another node's vertices are others.
+    assert_eq!(scan.look.twins, [0, 1, 2, 2, 4, 5, 6, 7, 8, 8, 10, 11]);
+    assert!(parse(&b.file(nodes, mesh(json!({ "POSITION": points })), json!({}))).unwrap().look.twins.is_empty());
 }

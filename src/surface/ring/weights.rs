@@ -191,10 +191,9 @@ impl<'a> Stars<'a> {
         }));
         let mut total: f64 = weights.iter().sum();
         if total <= 0.0 {
-            // The foot stands on a large face between small ones of another sheet: unfaded, so that it has a map at all.
-            let unfaded = |&d: &f64| if d < radius * radius { wendland(d.sqrt() / radius) } else { 0.0 };
+            // The foot stands on a large face between small ones of another sheet: that face alone.
             weights.clear();
-            weights.extend(squared.iter().map(unfaded));
+            weights.extend(near.iter().map(|n| if n.point == sources[0] as usize { 1.0 } else { 0.0 }));
             total = weights.iter().sum();
         }
         store(near, weights, total, found);
@@ -226,7 +225,7 @@ fn store(near: &[Neighbour], weights: &[f64], total: f64, found: &mut Group) {
 
 /// Faces that share a vertex with each face and can be reached from it around that vertex, edge by edge: where two sheets touch in a point
 /// there is no way across. Steps over vertices keep ways nearly straight, so that the fade is silent on an open surface.
-fn fan_neighbours(boundary: &[[u32; 3]]) -> Vec<Vec<u32>> {
+pub(super) fn fan_neighbours(boundary: &[[u32; 3]]) -> Vec<Vec<u32>> {
     let mut corners: Vec<(u32, u32)> = boundary.iter().zip(0u32..).flat_map(|(face, f)| face.map(|v| (v, f))).collect();
     corners.sort_unstable();
     let mut neighbours = vec![Vec::new(); boundary.len()];
@@ -260,18 +259,18 @@ fn fan_neighbours(boundary: &[[u32; 3]]) -> Vec<Vec<u32>> {
 }
 
 /// Dijkstra over face centres, restricted to a length.
-struct Walk {
+pub(super) struct Walk {
     lengths: Vec<f64>,
     reached: Vec<u32>,
     queue: BinaryHeap<Reverse<(u64, u32)>>,
 }
 
 impl Walk {
-    fn new(faces: usize) -> Self {
+    pub(super) fn new(faces: usize) -> Self {
         Self { lengths: vec![f64::INFINITY; faces], reached: Vec::new(), queue: BinaryHeap::new() }
     }
 
-    fn from(&mut self, face: u32, limit: f64, neighbours: &[Vec<(u32, f64)>]) -> Vec<(u32, f32)> {
+    pub(super) fn from(&mut self, face: u32, limit: f64, neighbours: &[Vec<(u32, f64)>]) -> Vec<(u32, f32)> {
         self.lengths[face as usize] = 0.0;
         self.reached.push(face);
         // Bits of numbers that are not negative sort like the numbers.
