@@ -78,6 +78,8 @@ pub struct Outcome {
     pub volume: (f64, f64),
     /// Frames with a fold: many inverted tetrahedra or passes.
     pub folds: Frames,
+    /// The parts of the body that fold in them, with the number of frames each, most first.
+    pub folding: Vec<(&'static str, usize)>,
     /// Frames that were not solved to the tolerance.
     pub unsolved: Frames,
     /// Frames without any marker, where the pose was held.
@@ -400,6 +402,13 @@ impl<'a> Solver<'a> {
         }
         if m.stats.inverted > 10 {
             out.folds.add(m.frame);
+            if let Some(part) = m.stats.fold.and_then(|p| self.job.binding.part_at(p)) {
+                match out.folding.iter_mut().find(|f| f.0 == part) {
+                    Some(known) => known.1 += 1,
+                    None => out.folding.push((part, 1)),
+                }
+                out.folding.sort_by_key(|f| std::cmp::Reverse(f.1));
+            }
         }
         if !m.stats.converged {
             out.unsolved.add(m.frame);

@@ -205,6 +205,16 @@ impl Binding {
     pub fn places(&self) -> impl Iterator<Item = (&'static str, DVec3)> {
         self.segments.iter().map(|s| (s.segment.name(), s.from.lerp(s.to, 0.5)))
     }
+
+    /// Name of the part of the body nearest to a place at rest, in the unit box; `None` where no body was needed.
+    pub fn part_at(&self, place: DVec3) -> Option<&'static str> {
+        let distance = |s: &SegmentPlace| {
+            let bone = s.to - s.from;
+            let along = ((place - s.from).dot(bone) / bone.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+            place.distance_squared(s.from + bone * along)
+        };
+        self.segments.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).map(|s| s.segment.name())
+    }
 }
 
 /// Refuses, or warns where the user accepts doubtful input.

@@ -166,8 +166,10 @@ pub(super) fn outcome_warnings(outcome: &Outcome, diagonal: f64, metres: Option<
         texts.push(format!("{} without any marker: the pose was held", outcome.held));
     }
     if outcome.folds.count() > 0 {
+        let parts: Vec<&str> = outcome.folding.iter().take(3).map(|f| f.0).collect();
+        let at = if parts.is_empty() { String::new() } else { format!(", {}", parts.join(", ")) };
         texts.push(format!(
-            "fold at {}: more than 10 tetrahedra are inside out there, so look at deep creases of the skin",
+            "fold at {}{at}: more than 10 tetrahedra are inside out there, so look at deep creases of the skin",
             outcome.folds
         ));
     }

@@ -88,6 +88,8 @@ pub struct FrameStats {
     pub energy: f64,
     /// Tetrahedra turned inside out.
     pub inverted: u32,
+    /// Where the one of them with the most volume is at rest, in the unit box.
+    pub fold: Option<DVec3>,
     /// Volume of the tetrahedra against rest.
     pub volume_ratio: f64,
 }

@@ -3,12 +3,16 @@
 use super::anderson::Anderson;
 use super::{FrameStats, Volumetric};
 use crate::linalg::lanes::{Lanes, add_scaled, longest};
+use glam::DVec3;
 
 /// Passes after which a frame is left as it is, warm and cold.
 const MOST_PASSES: (u32, u32) = (60, 200);
 
 /// Iterations after which the coarse level is turned with the body again, warm and cold.
 const REBUILD: (u32, u32) = (8, 6);
+
+/// A global step that moves the solution of the last one by less than this, in diagonals, need not be repeated.
+const EXACT: f64 = 1e-12;
 
 /// A step is taken back when the energy rises by more than this part of it.
 const RISE: f64 = 1e-13;
@@ -20,10 +24,6 @@ const HARMLESS: f64 = 1e-6;
 
 /// The plain step is halved no further than to this part.
 const LEAST_STEP: f64 = 0.02;
-
-/// Far from rest the matrix does not bound the curvature of the change of volume. Where even the shortest step raises the energy, that term is left out
-/// until a step is shorter than this, in diagonals.
-const EASED: f64 = 1e-3;
 
 pub(super) struct Settings {
     pub(super) tolerance: f64,
@@ -77,8 +77,9 @@ impl Volumetric {
             Some(count) => self.alternate(count),
             None => self.descend(turned),
         };
-        self.blocks.leave_bulk_out(false);
-        (stats.inverted, stats.volume_ratio) = self.blocks.measure(&self.p);
+        let (inverted, worst, volume_ratio) = self.blocks.measure(&self.p);
+        let centre = |corners: [u32; 4]| corners.iter().map(|&v| self.rest[v as usize].xyz()).sum::<DVec3>() / 4.0;
+        (stats.inverted, stats.fold, stats.volume_ratio) = (inverted, worst.map(centre), volume_ratio);
         stats
     }
 
@@ -87,18 +88,29 @@ impl Volumetric {
         self.before.copy_from_slice(&self.p);
         self.oriented.put_given(&mut self.p);
         let mut energy = self.evaluate(Place::Current, 0);
-        let mut step = 0.0;
+        let (mut step, mut passes, mut careful) = (0.0, count + 1, true);
         for _ in 0..count {
-            let m = &mut self.memory;
-            m.plain.copy_from_slice(&m.gradient);
-            self.handles.solve(&self.factor, &mut m.plain, &mut m.pulls, &mut m.pull_axis);
-            step = longest(&m.plain);
-            add_scaled(&mut self.p, -1.0, &m.plain);
+            step = self.global_step();
+            if careful {
+                // Rows with large coefficients and weights cost the factor half of its digits; a second step with the same rotations finds them again.
+                self.evaluate(Place::Current, 0);
+                passes += 1;
+                careful = self.global_step() > EXACT * self.settings.diagonal;
+            }
             self.blocks.extract(&self.p, &mut self.rotations);
             energy = self.evaluate(Place::Current, 0);
             self.memory.energies.push(energy);
         }
-        FrameStats { passes: count + 1, step: step / self.settings.diagonal, converged: true, energy, ..Default::default() }
+        FrameStats { passes, step: step / self.settings.diagonal, converged: true, energy, ..Default::default() }
+    }
+
+    /// The positions that suit the rotations best, from the gradient at the present ones: the longest move.
+    fn global_step(&mut self) -> f64 {
+        let m = &mut self.memory;
+        m.plain.copy_from_slice(&m.gradient);
+        self.handles.solve(&self.factor, &mut m.plain, &mut m.pulls, &mut m.pull_axis);
+        add_scaled(&mut self.p, -1.0, &m.plain);
+        longest(&m.plain)
     }
 
     /// Turns the rotations with the oriented handles when one of them turns far (Stoll et al. 2007, §2.3.2).
@@ -125,10 +137,15 @@ impl Volumetric {
     fn descend(&mut self, turned: bool) -> FrameStats {
         let cold = self.frames < 2;
         let (cap, rebuild) = if cold { (MOST_PASSES.1, REBUILD.1) } else { (MOST_PASSES.0, REBUILD.0) };
+        if cold {
+            self.drag.release();
+        } else {
+            self.drag.hold(&self.blocks, &self.p, &self.rotations, self.lead.motion() / self.settings.diagonal);
+        }
         for (p, before) in self.p.iter_mut().zip(&mut self.before) {
             let now = *p;
             if !cold {
-                *p = now * 2.0 - *before;
+                *p = now + (now - *before) * self.lead.share();
             }
             *before = now;
         }
@@ -139,7 +156,6 @@ impl Volumetric {
         // Rotations of an undeformed body still differ from the identity by rounding.
         let rounding = 1e-28 * self.blocks.total_weight;
         let mut newton = 1;
-        let mut eased = false;
         let mut energy = self.evaluate(Place::Current, 2);
         self.memory.energies.push(energy);
         self.memory.anderson.forget();
@@ -197,42 +213,19 @@ impl Volumetric {
                         passes += 1;
                     }
                     if next.is_nan() || next > energy * (1.0 + HARMLESS) + rounding {
-                        if eased || passes >= cap {
-                            // No way down from here: the pose stays.
-                            return FrameStats { passes, step, converged: false, energy, ..Default::default() };
-                        }
-                        eased = true;
-                        self.blocks.leave_bulk_out(true);
-                        energy = self.restart();
-                        passes += 1;
-                        continue;
+                        // No way down from here: the pose stays.
+                        return FrameStats { passes, step, converged: false, energy, ..Default::default() };
                     }
                 }
             }
             std::mem::swap(&mut self.p, &mut self.memory.trial);
             energy = next;
             self.memory.energies.push(energy);
-            if eased && self.blocks.bulk() == 0.0 && step < EASED {
-                self.blocks.leave_bulk_out(false);
-                energy = self.restart();
-                passes += 1;
-                continue;
-            }
             let converged = step < self.settings.tolerance;
             if converged || passes >= cap || !step.is_finite() {
                 return FrameStats { passes, step, converged, energy, ..Default::default() };
             }
         }
-    }
-
-    /// Begins again from the present pose: its energy.
-    fn restart(&mut self) -> f64 {
-        let energy = self.evaluate(Place::Current, 3);
-        self.memory.energies.clear();
-        self.memory.energies.push(energy);
-        self.memory.anderson.forget();
-        self.coarse.build(&self.blocks, &self.rotations);
-        energy
     }
 
     /// Energy at the current or the trial pose; half its gradient goes to `memory.gradient`.
@@ -243,7 +236,8 @@ impl Volumetric {
             Place::Trial => &m.trial,
         };
         let body = self.blocks.pass(p, &mut self.rotations, newton, &mut m.gradient);
-        let energy = body + self.handles.pull(p, &mut m.gradient);
+        let drag = self.drag.pass(&self.blocks, p, newton, &mut m.gradient);
+        let energy = body + drag + self.handles.pull(p, &mut m.gradient);
         self.oriented.clear_given(&mut m.gradient);
         energy
     }

@@ -157,8 +157,7 @@ pub(super) struct Blocks {
     held: Vec<Block>,
     pub(super) total_weight: f64,
     total_volume: f64,
-    /// The weight of the change of volume, and the part of it that counts now: all or nothing.
-    full_bulk: f64,
+    /// The weight of the change of volume.
     bulk: f64,
 }
 
@@ -180,7 +179,6 @@ impl Blocks {
             held: held.chunks(4).map(Block::new).collect(),
             total_weight: elements.iter().map(|e| e.weight).sum(),
             total_volume: elements.iter().chain(held).map(|e| e.volume).sum(),
-            full_bulk: bulk,
             bulk,
         }
     }
@@ -213,6 +211,27 @@ impl Blocks {
         energy
     }
 
+    /// Blocks of tetrahedra with a rotation of their own of which one has less than `part` of its volume.
+    pub(super) fn below(&self, p: &[Lanes], part: f64, found: &mut Vec<usize>) {
+        below(&self.list[..self.free], p, part, found);
+    }
+
+    /// Deformation gradients of a block.
+    pub(super) fn deformation(&self, block: usize, p: &[Lanes]) -> Matrices {
+        deformation(&self.list[block], p)
+    }
+
+    /// Weights of a block in the energy; zero in lanes that only fill it up.
+    pub(super) fn weight(&self, block: usize) -> Lanes {
+        self.list[block].weight * (1.0 / (1.0 + self.bulk))
+    }
+
+    /// Adds to half a gradient by the points what a block has by the deformation gradients.
+    pub(super) fn add_pull(&self, block: usize, pull: &Matrices, g: &mut [Lanes]) {
+        let block = &self.list[block];
+        add_to_corners(&block.corners, &hat_products(block, pull), g);
+    }
+
     /// The ranges of blocks that share a rotation.
     pub(super) fn groups(&self) -> &[Range<usize>] {
         &self.groups
@@ -221,11 +240,6 @@ impl Blocks {
     /// Weight of the change of volume.
     pub(super) fn bulk(&self) -> f64 {
         self.bulk
-    }
-
-    /// Leaves the change of volume out, as [`Self::pass_without_bulk`], until called again.
-    pub(super) fn leave_bulk_out(&mut self, out: bool) {
-        self.bulk = if out { 0.0 } else { self.full_bulk };
     }
 
     /// The rotations nearest to the deformation gradients of `p`, to rounding.
@@ -255,10 +269,11 @@ impl Blocks {
         }
     }
 
-    /// Tetrahedra turned inside out, and the volume against rest.
-    pub(super) fn measure(&self, p: &[Lanes]) -> (u32, f64) {
-        let ((inverted, volume), (others, held)) = (measure(&self.list, p), measure(&self.held, p));
-        (inverted + others, (volume + held) / self.total_volume)
+    /// Tetrahedra turned inside out, the corners of the one with the most volume, and the volume of all against rest.
+    pub(super) fn measure(&self, p: &[Lanes]) -> (u32, Option<[u32; 4]>, f64) {
+        let ((inverted, worst, volume), (others, _, held)) = (measure(&self.list, p), measure(&self.held, p));
+        let corners = worst.map(|(block, lane)| self.list[block].corners.map(|lanes| lanes[lane]));
+        (inverted + others, corners, (volume + held) / self.total_volume)
     }
 }
 
@@ -315,6 +330,12 @@ fn cofactors(&[a, b, c, d, e, f, g, h, i]: &Matrices) -> Matrices {
     let second = [c * h - b * i, a * i - c * g, b * g - a * h];
     let third = [b * f - c * e, c * d - a * f, a * e - b * d];
     [first[0], first[1], first[2], second[0], second[1], second[2], third[0], third[1], third[2]]
+}
+
+#[inline(always)]
+pub(super) fn determinants(f: &Matrices) -> Lanes {
+    let cofactors = cofactors(f);
+    f[0] * cofactors[0] + f[1] * cofactors[1] + f[2] * cofactors[2]
 }
 
 /// Matrix times hat gradient for the four corners; they sum to zero.
@@ -389,18 +410,30 @@ for_each_instruction_set! {
 }
 
 for_each_instruction_set! {
-    fn measure(blocks: &[Block], p: &[Lanes]) -> (u32, f64) {
-        let mut inverted = 0;
-        let mut volume = Lanes::ZERO;
-        for block in blocks {
-            let f = deformation(block, p);
-            let cofactors = cofactors(&f);
-            let determinant = f[0] * cofactors[0] + f[1] * cofactors[1] + f[2] * cofactors[2];
-            volume += determinant * block.volume;
-            for lane in 0..4 {
-                inverted += u32::from((determinant.0[lane] < 0.0) & (block.volume.0[lane] > 0.0));
+    fn below(blocks: &[Block], p: &[Lanes], part: f64, found: &mut Vec<usize>) {
+        for (index, block) in blocks.iter().enumerate() {
+            let determinants = determinants(&deformation(block, p));
+            if (0..4).any(|lane| (determinants.0[lane] < part) & (block.weight.0[lane] > 0.0)) {
+                found.push(index);
             }
         }
-        (inverted, volume.sum())
+    }
+}
+
+for_each_instruction_set! {
+    fn measure(blocks: &[Block], p: &[Lanes]) -> (u32, Option<(usize, usize)>, f64) {
+        let (mut inverted, mut least, mut worst) = (0, 0.0, None);
+        let mut volume = Lanes::ZERO;
+        for (index, block) in blocks.iter().enumerate() {
+            let volumes = determinants(&deformation(block, p)) * block.volume;
+            volume += volumes;
+            for lane in 0..4 {
+                inverted += u32::from(volumes.0[lane] < 0.0);
+                if volumes.0[lane] < least {
+                    (least, worst) = (volumes.0[lane], Some((index, lane)));
+                }
+            }
+        }
+        (inverted, worst, volume.sum())
     }
 }

@@ -583,11 +583,41 @@ fn an_inverted_tetrahedron_is_counted() {
     let handles: Vec<Handle> = (0..8).map(|v| on_vertex(v, 1e4)).collect();
     let mut deformer = Volumetric::new(&proxy, &handles, &Options::default()).unwrap();
     let mut targets = targets_of(&proxy, &handles, |p| p);
-    let ratio = deformer.start(&targets).unwrap().volume_ratio;
-    assert!((ratio - 1.0).abs() < 1e-12);
+    let stats = deformer.start(&targets).unwrap();
+    assert!((stats.volume_ratio - 1.0).abs() < 1e-12 && stats.fold.is_none());
     targets.positions[1] += DVec3::new(-1.5, 0.5, 0.5);
     let stats = deformer.step(&targets).unwrap();
     assert!(stats.inverted > 0 && stats.volume_ratio < 0.9, "{stats:?}");
+    let centre = |t: &[u32; 4]| t.iter().map(|&v| proxy.rest[v as usize]).sum::<DVec3>() / 4.0;
+    let mut round = proxy.tets.iter().filter(|t| t.contains(&1));
+    assert!(
+        round.any(|t| centre(t).distance(stats.fold.unwrap()) < 1e-12),
+        "the fold is where the vertex went through: {stats:?}"
+    );
+}
+
+#[test]
+fn a_body_that_is_held_still_stays() {
+    for proxy in shapes() {
+        let handles = handles(&proxy, 1.0);
+        let mut deformer = twist(&proxy, &handles, &Options::default(), 6, |p| p);
+        let targets = targets_of(&proxy, &handles, twisted(1.5));
+        // It settles first: the velocity dies away, and creases that the drag held back open.
+        for _ in 0..5 {
+            deformer.step(&targets).unwrap();
+        }
+        let pose = deformer.pose().to_vec();
+        for _ in 0..5 {
+            let stats = deformer.step(&targets).unwrap();
+            assert!(stats.converged && stats.passes == 0);
+            assert_eq!(deformer.pose(), pose);
+        }
+        let mut fading = targets.clone();
+        fading.presence[2] = 0.3;
+        assert!(deformer.step(&fading).unwrap().passes > 0, "a weight is another one");
+        let moved = deformer.step(&targets_of(&proxy, &handles, |p| twisted(1.5)(p) + DVec3::Y * 0.1)).unwrap();
+        assert!(moved.passes > 0 && distance(deformer.pose(), &pose) > 0.09);
+    }
 }
 
 #[test]

@@ -6,7 +6,8 @@
 //! E(p, R) = Σ_j w_j ( |F_j(p) − R_j|² + κ (det F_j(p) − 1)² + 4 κ min(0, det F_j(p) − ¼)² )  +  Σ_h a_h |b_h p − c_h|²,     w_j = stiffness_j · volume_j
 //! ```
 //!
-//! The terms with κ ([`Options::bulk`]) keep the volume, and more so in folds; the source has none, and with κ = 0 the energy is the source's.
+//! The terms with κ ([`Options::bulk`]) keep the volume, and more so in folds, which the last frame holds back besides while the targets move; the source
+//! has nothing of that, and with κ = 0 the energy is the source's.
 //! Both saturate: a square g² counts as g² / (1 + g²/4); in slivers the first counts less.
 //!
 //! Source: Stoll, de Aguiar, Theobalt, Seidel: *A volumetric approach to interactive shape editing*, MPI-I-2007-4-004. Their alternation of a linear
@@ -16,10 +17,12 @@
 mod anderson;
 mod coarse;
 mod descent;
+mod drag;
 mod elements;
 mod handles;
 #[cfg(test)]
 mod laws;
+mod lead;
 mod oriented;
 #[cfg(test)]
 mod oriented_laws;
@@ -30,15 +33,17 @@ mod stored_poses;
 
 use super::{Deformer, FrameStats, Handle, OrientedHandle, Placement, Targets};
 use crate::error::{Error, Result};
-use crate::linalg::lanes::Lanes;
+use crate::linalg::lanes::{Lanes, longest};
 use crate::linalg::rotation::{self, Quaternions};
 use crate::linalg::{Cholesky, SparseRow, SymmetricMatrix, elimination_order, nearest_rotation};
 use crate::proxy::Proxy;
 use coarse::Coarse;
 use descent::{Memory, Settings};
+use drag::Drag;
 use elements::{Blocks, Element};
 use glam::{DMat3, DQuat, DVec3};
 use handles::{Presence, SoftHandles};
+use lead::Lead;
 use oriented::Oriented;
 
 /// How the deformer solves.
@@ -62,6 +67,9 @@ pub struct Options {
     /// Slivers are as stiff as this many medians at most. `f64::INFINITY` leaves them as they are.
     pub sliver_cap: f64,
 }
+
+/// A pose is within so many of its last steps from the minimum, as a rule.
+const ERROR_PER_STEP: f64 = 20.0;
 
 /// Mean distance of the targets from where the handles would be by their motion so far, in diagonals, from which the take was cut there: a body at
 /// thirty frames a second does not change its speed by that much.
@@ -106,6 +114,8 @@ pub struct Volumetric {
     asked: Targets,
     factor: Cholesky,
     coarse: Coarse,
+    drag: Drag,
+    lead: Lead,
     /// Rest positions in elimination order, and the attachment of each handle on them.
     rest: Vec<Lanes>,
     attachments: Vec<DVec3>,
@@ -232,6 +242,8 @@ impl Volumetric {
             rest: points,
             pose: proxy.rest.clone(),
             frames: 0,
+            drag: Drag::new(&blocks, options.effective_bulk()),
+            lead: Lead::new(handles.len() + given.iter().filter(|given| **given).count()),
             blocks,
             handles,
             factor,
@@ -242,8 +254,7 @@ impl Volumetric {
         })
     }
 
-    /// Energy after each accepted step of the last frame, from its beginning, or from where the term with κ was taken in or left out last. Never rises,
-    /// but for rounding.
+    /// Energy after each accepted step of the last frame, with that of the drag on folds, from its beginning. Never rises, but for rounding.
     pub fn energies(&self) -> &[f64] {
         &self.memory.energies
     }
@@ -260,13 +271,21 @@ impl Volumetric {
         self.asked.positions[..count].copy_from_slice(&targets.positions);
         self.asked.presence[..count].copy_from_slice(&targets.presence);
         self.oriented.ask(&mut self.asked);
-        match self.handles.take(&self.asked, self.oriented.holds()) {
-            Presence::Nobody => return Ok(self.hold()),
+        let presence = self.handles.take(&self.asked, self.oriented.holds());
+        match presence {
+            Presence::Nobody => {
+                self.frames = self.frames.min(1);
+                return Ok(self.hold());
+            }
             Presence::Changed => self.coarse.rehandle(&self.handles),
             Presence::Same => {}
         }
+        let soft = (0..self.handles.len()).map(|h| (self.handles.target(h), self.handles.present_weight(h) > 0.0));
+        self.lead.follow(soft.chain(self.oriented.targets().map(|target| (target, true))));
         if cold || self.frames == 0 || self.jumps() {
             self.align();
+        } else if presence == Presence::Same && self.stays() {
+            return Ok(self.hold());
         }
         let mut stats = self.frame();
         if !self.is_finite(&stats) {
@@ -285,9 +304,17 @@ impl Volumetric {
         Ok(stats)
     }
 
-    /// The frame without any handle: the pose stays.
+    /// Whether the last pose is the answer once more: the same targets, and it hardly changed with them.
+    fn stays(&self) -> bool {
+        let close = ERROR_PER_STEP * self.settings.tolerance * self.settings.diagonal;
+        self.settings.iterations.is_none()
+            && self.lead.is_still()
+            && self.last.converged
+            && self.p.iter().zip(&self.before).all(|(now, before)| longest(&[*now - *before]) < close)
+    }
+
+    /// A frame without any handle, or without anything new: the pose stays.
     fn hold(&mut self) -> FrameStats {
-        self.frames = self.frames.min(1);
         self.before.copy_from_slice(&self.p);
         self.memory.energies.clear();
         FrameStats { passes: 0, step: 0.0, converged: true, recovered: false, ..self.last }

@@ -180,6 +180,11 @@ impl Oriented {
         farthest
     }
 
+    /// Targets of the given vertices.
+    pub(super) fn targets(&self) -> impl Iterator<Item = Lanes> + '_ {
+        self.targets.iter().copied()
+    }
+
     pub(super) fn clear_given(&self, g: &mut [Lanes]) {
         for &v in &self.given {
             g[v as usize] = Lanes::ZERO;

@@ -69,6 +69,8 @@ fn spoil(deformer: &mut Volumetric, lost: Lost, seed: u64) {
     }
     deformer.before.copy_from_slice(&deformer.p);
     deformer.frames = 1;
+    // The answer of the last frame is lost, so it is not the answer once more.
+    deformer.last.converged = false;
 }
 
 /// Spoils and solves again in every way; `make` gives a deformer, targets at rest and the diagonal. Up to the distance `slow` after 120 plain iterations.
