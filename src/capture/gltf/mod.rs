@@ -41,11 +41,7 @@ pub(super) fn read(bytes: &[u8], files: &Files<'_>, clip: Option<&str>) -> Resul
     let mut worlds = vec![DAffine3::IDENTITY; gltf.document.nodes.len()];
     for frame in 0..times.count {
         let time = times.at(frame);
-        for &n in &order {
-            let turn = curves.turn(n, time, gltf.document.nodes[n as usize].turn());
-            let local = DAffine3::from_scale_rotation_translation(turn.scale, turn.rotation, turn.translation);
-            worlds[n as usize] = tree.parents[n as usize].map_or(local, |p| worlds[p as usize] * local);
-        }
+        stand(&gltf, &tree, &order, &curves, time, &mut worlds);
         for &n in &nodes {
             let world = &worlds[n as usize];
             frames.push(world.translation, skeleton::turn(&world.matrix3));
@@ -55,6 +51,15 @@ pub(super) fn read(bytes: &[u8], files: &Files<'_>, clip: Option<&str>) -> Resul
     let space = space(&take, &mut notes);
     let name = (clips.len() > 1 && !clips[chosen].name.is_empty()).then(|| clips[chosen].name.clone());
     Ok(SkeletonFile { take, rate: times.rate, first_frame: times.first_frame(), space, name, notes })
+}
+
+/// Places the nodes of `order` in the world as they are at a time.
+fn stand(gltf: &Gltf, tree: &Hierarchy, order: &[u32], curves: &Curves, time: f64, worlds: &mut [DAffine3]) {
+    for &n in order {
+        let turn = curves.turn(n, time, gltf.document.nodes[n as usize].turn());
+        let local = DAffine3::from_scale_rotation_translation(turn.scale, turn.rotation, turn.translation);
+        worlds[n as usize] = tree.parents[n as usize].map_or(local, |p| worlds[p as usize] * local);
+    }
 }
 
 /// The nodes that are joints, parents before children.
