@@ -2,6 +2,7 @@
 //!
 //! Stages pass batches of eight frames through bounded channels; the batches are reused, so memory does not grow with the take.
 
+mod fading;
 mod oriented;
 
 use crate::binding::Binding;
@@ -11,6 +12,7 @@ use crate::error::{Error, Kind, Result};
 use crate::export::{FrameBatch, FrameSink, Header, Needs, Written};
 use crate::report::{FrameMeasure, ReportWriter, Residual, Spread};
 use crate::surface::NormalVertices;
+use fading::Fading;
 use glam::DVec3;
 use oriented::OrientedTargets;
 use std::ops::Range;
@@ -24,10 +26,10 @@ pub const BATCH: usize = 8;
 /// Frames solved before the first one that is written, so that a frame hardly depends on where the range begins.
 pub const PRE_ROLL: usize = 8;
 
-/// Frames over which a returning marker regains its full pull.
+/// Frames over which an oriented handle that returns regains its full pull.
 const FADE: f64 = 5.0;
 
-/// The pull of a handle that had the pull `held` in the frame before: one that is missing lets go at once, one that returns regains it over a few
+/// The pull of an oriented handle that had the pull `held` in the frame before: one that is missing lets go at once, one that returns regains it over a few
 /// frames.
 fn faded(held: f64, present: bool) -> f64 {
     if present { (held + 1.0 / FADE).min(1.0) } else { 0.0 }
@@ -263,7 +265,7 @@ struct Solver<'a> {
     next: usize,
     targets: Targets,
     present: Vec<bool>,
-    presence: Vec<f64>,
+    fading: Fading,
     /// Before the first frame.
     cold: bool,
     distances: Vec<f64>,
@@ -277,7 +279,7 @@ impl<'a> Solver<'a> {
             next: job.range.start.saturating_sub(PRE_ROLL),
             targets: Targets { positions: vec![DVec3::ZERO; handles], presence: vec![0.0; handles] },
             present: vec![false; handles],
-            presence: Vec::with_capacity(handles),
+            fading: Fading::new(handles),
             cold: true,
             distances: Vec::with_capacity(handles + job.oriented.len()),
             oriented: OrientedTargets::new(job.oriented, &job.header.proxy.rest),
@@ -323,7 +325,7 @@ impl<'a> Solver<'a> {
         self.job.header.cancel.check()?;
         let start = Instant::now();
         self.job.binding.targets(self.job.take, frame, &mut self.targets.positions, &mut self.present);
-        self.fade();
+        self.fading.follow(self.job.handles, self.job.deformer.pose(), &self.present, &mut self.targets);
         let places = if self.job.oriented.is_empty() { &[] } else { self.job.binding.turning.frame(frame) };
         let placements = self.oriented.place(places, self.job.deformer.pose(), self.cold);
         self.job.deformer.place(placements)?;
@@ -337,32 +339,13 @@ impl<'a> Solver<'a> {
         Ok(FrameMeasure { frame: self.job.first_frame + frame as i64, stats, residual, solve_ms })
     }
 
-    /// A marker that is missing lets go at once; one that returns regains its pull and its place over a few frames.
-    fn fade(&mut self) {
-        if self.cold {
-            self.presence.extend(self.present.iter().map(|&p| f64::from(u8::from(p))));
-        } else {
-            for (held, &present) in self.presence.iter_mut().zip(&self.present) {
-                *held = faded(*held, present);
-            }
-        }
-        self.targets.presence.copy_from_slice(&self.presence);
-        // A limb that hung free follows the faintest pull at once, so the way back is cut into pieces too.
-        let pose = self.job.deformer.pose();
-        for ((handle, target), &held) in self.job.handles.iter().zip(&mut self.targets.positions).zip(&self.presence) {
-            if held > 0.0 && held < 1.0 {
-                *target = handle.row.apply(pose).lerp(*target, held);
-            }
-        }
-    }
-
     fn residual(&mut self) -> Residual {
         let millimetres = self.job.header.unit_box.diagonal * self.job.metres.map_or(1.0, |m| m * 1000.0);
         let pose = self.job.deformer.pose();
         self.distances.clear();
         let mut residual = Residual::default();
         for (h, handle) in self.job.handles.iter().enumerate() {
-            if self.targets.presence[h] > 0.0 {
+            if self.present[h] {
                 let distance = handle.row.apply(pose).distance(self.targets.positions[h]) * millimetres;
                 if residual.worst.is_none() || distance > residual.max {
                     residual.max = distance;

@@ -350,7 +350,7 @@ fn check_capture(folder: &Path, name: &str, expect: &Expect) {
             for word in *words {
                 assert!(capture.notes.iter().any(|n| n.contains(word)), "{name}: no '{word}' in {:?}", capture.notes);
             }
-            let retarget::capture::Motion::Markers(take) = &capture.motion else { panic!("{name}: markers") };
+            let take = capture.motion.points();
             assert!(take.frames() > 0 && take.markers() > 0, "{name}");
             assert!(take.points.iter().all(|p| p[0].is_nan() || p.iter().all(|c| c.is_finite())), "{name}: an infinite point");
         }
@@ -421,8 +421,33 @@ const MESHES: [(&str, Expect); 43] = [
     ("crlf_bom_utf8.mtl", Refused(&[])),
 ];
 
-/// The shared broken and odd C3D files.
-const CAPTURES: [(&str, Expect); 17] = [
+/// The shared C3D files, sound and odd, and the broken files of BVH.
+const CAPTURES: [(&str, Expect); 72] = [
+    ("broken/bvh_channels_6_lists_5.bvh", Refused(&["line 5", "CHANNELS says 6"])),
+    ("broken/bvh_comments.bvh", Works(&[])),
+    ("broken/bvh_cr_only.bvh", Works(&[])),
+    ("broken/bvh_crlf.bvh", Works(&[])),
+    ("broken/bvh_decimal_commas.bvh", Works(&[])),
+    ("broken/bvh_exponents.bvh", Works(&[])),
+    ("broken/bvh_frame_time_zero.bvh", Works(&["30 frames per second"])),
+    ("broken/bvh_header_says_10_has_5.bvh", Works(&["says 10, 5 rows"])),
+    ("broken/bvh_header_says_3_has_5.bvh", Works(&["says 3, 5 rows"])),
+    ("broken/bvh_hierarchy_one_line.bvh", Works(&[])),
+    ("broken/bvh_inf_value.bvh", Works(&["not finite"])),
+    ("broken/bvh_long_row3.bvh", Refused(&["row 3", "62", "line 122"])),
+    ("broken/bvh_lowercase_keywords.bvh", Works(&[])),
+    ("broken/bvh_missing_brace.bvh", Refused(&["'Hips' is closed", "line 117"])),
+    ("broken/bvh_namespace_colons.bvh", Works(&[])),
+    ("broken/bvh_nan_value.bvh", Works(&["not finite"])),
+    ("broken/bvh_no_end_sites.bvh", Works(&[])),
+    ("broken/bvh_no_motion.bvh", Refused(&["MOTION", "line 116"])),
+    ("broken/bvh_ok_5frames.bvh", Works(&[])),
+    ("broken/bvh_rows_wrapped.bvh", Works(&[])),
+    ("broken/bvh_short_row3.bvh", Refused(&["row 3", "56", "line 122"])),
+    ("broken/bvh_spaces_in_names.bvh", Works(&[])),
+    ("broken/bvh_two_roots.bvh", Works(&["2 roots"])),
+    ("broken/bvh_utf8_bom.bvh", Works(&[])),
+    ("broken/bvh_zero_frames.bvh", Refused(&["no rows of motion"])),
     ("broken/duplicate_labels.c3d", Works(&["LFHD"])),
     ("broken/empty.c3d", Refused(&[])),
     ("broken/gap_kinds.c3d", Works(&[])),
@@ -434,12 +459,42 @@ const CAPTURES: [(&str, Expect); 17] = [
     ("broken/two_subjects_one_unprefixed.c3d", Works(&["--subject"])),
     ("broken/units_m_values_mm.c3d", Works(&["unit is doubtful"])),
     ("broken/zeros_512.c3d", Refused(&[])),
+    ("c3d/Eb015pi.c3d", Works(&[])),
+    ("c3d/Eb015pr.c3d", Works(&[])),
+    ("c3d/Eb015si.c3d", Works(&[])),
+    ("c3d/Eb015sr.c3d", Works(&[])),
+    ("c3d/Eb015vi.c3d", Works(&[])),
+    ("c3d/Eb015vr.c3d", Works(&[])),
+    ("c3d/TESTDPI.c3d", Works(&[])),
+    ("c3d/art_human_2persons_integer.c3d", Works(&["2 subjects"])),
+    ("c3d/art_human_tools_integer.c3d", Works(&["2 subjects"])),
     ("c3d/bad_parameter_offset.c3d", Works(&[])),
     ("c3d/bad_parameter_section.c3d", Works(&[])),
-    ("c3d/emg_only.c3d", Refused(&[])),
-    ("c3d/optotrak_truncated.c3d", Works(&[])),
+    ("c3d/bts_dynamic.c3d", Works(&["label of another", "too long to fill"])),
+    ("c3d/bts_standing.c3d", Works(&["label of another"])),
+    ("c3d/cmu_01_01.c3d", Works(&["RBAC-1"])),
+    ("c3d/cube_1frame.c3d", Works(&[])),
+    ("c3d/emg_only.c3d", Refused(&["analog"])),
+    ("c3d/facial_sing.c3d", Works(&[])),
+    ("c3d/ist_static_metres.c3d", Works(&[])),
+    ("c3d/kyowadengyo.c3d", Works(&["POINT:USED"])),
+    ("c3d/mac_gait_dec.c3d", Works(&["label of another", "1–133"])),
+    ("c3d/mac_jump2.c3d", Works(&["label of another"])),
+    ("c3d/mac_mips.c3d", Works(&["POINT:SCALE"])),
+    ("c3d/mocap36.c3d", Works(&["trimmed"])),
+    ("c3d/mvn_basketball.c3d", Works(&[])),
+    ("c3d/optotrak_truncated.c3d", Works(&["29"])),
     ("c3d/parameter_overflow.c3d", Refused(&["position in any frame"])),
-    ("c3d/phasespace_noparams.c3d", Works(&[])),
+    ("c3d/phasespace_noparams.c3d", Works(&["numbered"])),
+    ("c3d/phoenix_dance_bad.c3d", Works(&["POINT:FRAMES"])),
+    ("c3d/pig_antom_static.c3d", Works(&[])),
+    ("c3d/pig_antom_static_1frame.c3d", Works(&[])),
+    ("c3d/pig_antom_walk.c3d", Works(&[])),
+    ("c3d/pycgm_rom_static.c3d", Works(&[])),
+    ("c3d/qualisys_2frames.c3d", Works(&[])),
+    ("c3d/simi_giant.c3d", Works(&["beyond any room"])),
+    ("c3d/sub_labels.c3d", Works(&["Matt:"])),
+    ("c3d/theia_rotations.c3d", Refused(&["ROTATION"])),
 ];
 
 #[test]
@@ -464,8 +519,9 @@ fn every_shared_broken_file_is_read_or_refused_as_the_table_says() {
         let name = file.unwrap().file_name().into_string().unwrap();
         assert!(name == "CASES.md" || listed(&name, &MESHES), "{name} is not in the table");
     }
-    for file in std::fs::read_dir(data.join("motion/broken")).unwrap() {
+    for file in ["motion/broken", "motion/c3d"].iter().flat_map(|folder| std::fs::read_dir(data.join(folder)).unwrap()) {
         let name = file.unwrap().file_name().into_string().unwrap();
-        assert!(!name.ends_with(".c3d") || listed(&name, &CAPTURES), "{name} is not in the table");
+        let formats = [".c3d", ".bvh"].iter().any(|end| name.ends_with(end));
+        assert!(!formats || listed(&name, &CAPTURES), "{name} is not in the table");
     }
 }

@@ -75,7 +75,11 @@ pub(crate) struct Fit {
 
 /// Distances count from this share of stature on as errors rather than noise.
 const SIGMA: f64 = 0.02;
-const ITERATIONS: usize = 60;
+const ITERATIONS: usize = 200;
+/// The fit is done when no unknown (radians, shares of the unit box, logarithms) changes by more in a step.
+const DONE: f64 = 1e-10;
+/// Near the minimum the cost is known to this part only, the way to it better.
+const ROUNDING: f64 = 1e-13;
 
 const PARAMETERS: usize = 65;
 const TURNS: usize = 3;
@@ -176,7 +180,7 @@ pub(crate) fn fit(body: &Skeleton, observations: &[Observation]) -> Fit {
     let mut damping = 1e-3;
     for _ in 0..ITERATIONS {
         let (normal, gradient) = problem.normal_equations(&state, &residuals);
-        let mut improved = false;
+        let mut moved = None;
         while damping < 1e8 {
             let Some(step) = solve(&normal, &gradient, damping) else {
                 damping *= 10.0;
@@ -185,15 +189,15 @@ pub(crate) fn fit(body: &Skeleton, observations: &[Observation]) -> Fit {
             let trial = state.moved(&step);
             let trial_residuals = problem.residuals(&trial);
             let trial_cost = problem.cost(&trial_residuals);
-            if trial_cost < cost {
-                improved = cost - trial_cost > 1e-7 * cost;
+            if trial_cost < cost * (1.0 + ROUNDING) {
+                moved = step.iter().map(|x| x.abs()).reduce(f64::max);
                 (state, residuals, cost) = (trial, trial_residuals, trial_cost);
                 damping = (damping * 0.2).max(1e-9);
                 break;
             }
             damping *= 5.0;
         }
-        if !improved {
+        if moved.is_none_or(|m| m < DONE) {
             break;
         }
     }
@@ -299,7 +303,7 @@ impl Problem<'_> {
     }
 
     fn normal_equations(&self, state: &State, residuals: &[f64]) -> (Vec<f64>, Vec<f64>) {
-        const STEP: f64 = 1e-6;
+        const STEP: f64 = 1e-5;
         let n = residuals.len();
         let weights: Vec<f64> = (0..n)
             .map(|row| match row / 3 {
@@ -310,9 +314,11 @@ impl Problem<'_> {
         let columns: Vec<Vec<f64>> = (0..PARAMETERS)
             .map(|k| {
                 let mut step = [0.0; PARAMETERS];
-                step[k] = STEP;
-                let moved = self.residuals(&state.moved(&step));
-                moved.iter().zip(residuals).map(|(a, b)| (a - b) / STEP).collect()
+                let mut at = |x: f64| {
+                    step[k] = x;
+                    self.residuals(&state.moved(&step))
+                };
+                at(STEP).iter().zip(at(-STEP)).map(|(a, b)| (a - b) / (2.0 * STEP)).collect()
             })
             .collect();
         let mut normal = vec![0.0; PARAMETERS * PARAMETERS];

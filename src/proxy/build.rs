@@ -1,6 +1,7 @@
 //! From a scan's surface to its proxy, step by step.
 
 use super::Proxy;
+use super::canonical::Canonical;
 use super::caps::{Caps, fan_caps};
 use super::carve::{cut_air_gaps, drop_crumbs, finish, keep_inside, peel};
 use super::contacts::Skin;
@@ -151,6 +152,9 @@ impl Summary {
 /// Shapes: `points`: any number, in the unit box; `triangles`: indices into `points`, in any order and orientation, closed or not.
 /// `cancel` is asked between the steps and ends the work with its error.
 ///
+/// The proxy depends neither on the order of points and triangles nor on rounding, and the mirror image of a surface, or the same along other axes,
+/// has the mirrored or turned proxy (unless the surface is its own mirror image).
+///
 /// Errors: an index without a point; nothing with an extent; fewer than 50 surface vertices asked for.
 /// Source: after Stoll et al. 2007, §2.1, made to stand noise, holes, debris and flipped faces.
 pub fn build(points: &[DVec3], triangles: &[[u32; 3]], options: &BuildOptions, cancel: &dyn Fn() -> Result<()>) -> Result<Built> {
@@ -162,10 +166,12 @@ pub fn build(points: &[DVec3], triangles: &[[u32; 3]], options: &BuildOptions, c
         return Err(Error::malformed(format!("a triangle names vertex {v} of {}", points.len())));
     }
     let mut notes = Notes::default();
-    let welded = weld(points, triangles, WELD);
-    if welded.not_finite > 0 {
-        notes.warn(format!("{} triangles have a coordinate that is not a number: left out of the proxy", welded.not_finite));
+    let Canonical { frame, points, triangles, not_finite } = Canonical::of(points, triangles);
+    if not_finite > 0 {
+        notes.warn(format!("{not_finite} triangles have a coordinate that is not a number: left out of the proxy"));
     }
+    let welded = weld(&points, &triangles, WELD);
+    drop((points, triangles));
     if welded.triangles.is_empty() {
         return Err(Error::refused("the surface has no triangle with an extent").expected("a mesh with faces"));
     }
@@ -175,7 +181,7 @@ pub fn build(points: &[DVec3], triangles: &[[u32; 3]], options: &BuildOptions, c
     let target = options.surface_vertices;
     let mut summary = surface.summary;
     let mut joined = Vec::new();
-    let (proxy, flat) = match surface.summary.form {
+    let (mut proxy, flat) = match surface.summary.form {
         Form::Body => match fill(&surface, target, &mut summary, &mut joined, cancel)? {
             Ok(filled) => filled,
             Err(failure) => {
@@ -190,6 +196,8 @@ pub fn build(points: &[DVec3], triangles: &[[u32; 3]], options: &BuildOptions, c
         return Err(Error::refused("no body could be built from the surface")
             .hint("check the mesh, or give a tetrahedral mesh with --proxy FILE.mesh"));
     }
+    frame.leave_with(&mut proxy);
+    joined.iter_mut().for_each(|p| *p = frame.leave(*p));
     summary.flat = flat;
     summary.vertices = proxy.rest.len();
     summary.tetrahedra = proxy.tets.len();
@@ -205,7 +213,7 @@ pub fn build(points: &[DVec3], triangles: &[[u32; 3]], options: &BuildOptions, c
         notes.warn(format!(
             "arms or other parts touch the body: {} tetrahedra still join them {}, and they move together there",
             words::count(joined.len()),
-            surface.place(&joined)
+            place(&joined, surface.tree.bounds().map(|(lo, hi)| (frame.leave(lo), frame.leave(hi))))
         ));
     }
     if summary.pieces > 1 {
@@ -274,15 +282,6 @@ impl Surface {
         Self { points, triangles, tree, diagonal: (hi - lo).length(), volume: 0.0, summary: Summary::default() }
     }
 
-    /// `at 41–52 % of its longest side`.
-    fn place(&self, places: &[DVec3]) -> String {
-        let Some((lo, hi)) = self.tree.bounds() else { return String::new() };
-        let axis = (hi - lo).max_position();
-        let percent = |p: &DVec3| 100.0 * (p[axis] - lo[axis]) / (hi - lo)[axis];
-        let (from, to) = places.iter().map(percent).fold((f64::MAX, f64::MIN), |(a, b), x| (a.min(x), b.max(x)));
-        format!("at {from:.0}–{to:.0} % of its longest side")
-    }
-
     fn count(&mut self, chosen: &[bool], loose_area: f64) {
         self.summary.body_pieces = chosen.iter().filter(|c| **c).count();
         self.summary.loose_pieces = chosen.len() - self.summary.body_pieces;
@@ -309,6 +308,16 @@ impl Surface {
         };
         (share(&|w| w < HOLLOW), share(&|w| w > BURIED))
     }
+}
+
+/// `at 41–52 % of its longest side`; `corners`: two opposite ones of the box.
+fn place(places: &[DVec3], corners: Option<(DVec3, DVec3)>) -> String {
+    let Some((a, b)) = corners else { return String::new() };
+    let (lo, hi) = (a.min(b), a.max(b));
+    let axis = (hi - lo).max_position();
+    let percent = |p: &DVec3| 100.0 * (p[axis] - lo[axis]) / (hi - lo)[axis];
+    let (from, to) = places.iter().map(percent).fold((f64::MAX, f64::MIN), |(a, b), x| (a.min(x), b.max(x)));
+    format!("at {from:.0}–{to:.0} % of its longest side")
 }
 
 fn caps(points: &[DVec3], triangles: &[[u32; 3]]) -> Caps {

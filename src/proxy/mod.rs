@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 mod build;
+mod canonical;
 mod caps;
 mod carve;
 mod components;

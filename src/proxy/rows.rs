@@ -35,7 +35,7 @@ pub struct HandleRows {
 
 #[derive(Clone, Debug)]
 enum Maps {
-    Ring(RingMaps),
+    Ring(ring::VertexMaps),
     Paper(TetMaps),
 }
 
@@ -47,7 +47,7 @@ impl HandleRows {
             boundary: proxy.boundary.clone(),
             tree: TriangleTree::new(&proxy.rest, &proxy.boundary),
             maps: match kind {
-                MapKind::Ring => Maps::Ring(RingMaps::new(proxy)),
+                MapKind::Ring => Maps::Ring(ring::VertexMaps::new(proxy)),
                 MapKind::Paper => Maps::Paper(TetMaps::new(proxy)),
             },
         }
@@ -56,16 +56,21 @@ impl HandleRows {
     /// Row of a point on, inside or outside the body; applied to the rest pose it gives `point`. Sums to 1.
     /// Empty if the proxy has no boundary.
     ///
-    /// [`MapKind::Ring`]: the closest boundary point by its barycentric coordinates, and from there along the ring's gradients:
-    /// exact on affine maps, and slivers get no say.
+    /// [`MapKind::Ring`]: the closest boundary point by its barycentric coordinates, and from there along the mean gradients of the
+    /// tetrahedra at its corners, blended likewise: exact on affine maps, continuous over edges, and slivers get no say.
     pub fn row(&self, point: DVec3) -> SparseRow {
         let mut sum = RowSum::new(self.vertices);
         match &self.maps {
             Maps::Paper(maps) => maps.row(point, &mut sum),
             Maps::Ring(maps) => {
                 if let Some(foot) = self.tree.closest(point) {
-                    let corners = self.boundary[foot.triangle].into_iter().zip(foot.barycentric);
-                    corners.chain(maps.along(foot.triangle, point - foot.point)).for_each(|(v, c)| sum.add(v, c));
+                    let offset = point - foot.point;
+                    for (corner, share) in self.boundary[foot.triangle].into_iter().zip(foot.barycentric) {
+                        sum.add(corner, share);
+                        if share != 0.0 {
+                            maps.along(corner, offset * share).for_each(|(v, c)| sum.add(v, c));
+                        }
+                    }
                 }
             }
         }

@@ -12,27 +12,19 @@ pub(super) struct Welded {
     pub(super) points: Vec<DVec3>,
     /// Triangles, each with its smallest vertex first.
     pub(super) triangles: Vec<[u32; 3]>,
-    /// Triangles left out because a coordinate is not a finite number.
-    pub(super) not_finite: usize,
 }
 
-/// Merges vertices within `tolerance` of each other.
+/// Merges vertices within `tolerance` of each other; those of triangles are finite.
 ///
 /// The result depends neither on the direction in which a triangle is listed nor on its first vertex (up to the direction itself).
 pub(super) fn weld(points: &[DVec3], triangles: &[[u32; 3]], tolerance: f64) -> Welded {
-    let finite = |t: &&[u32; 3]| t.iter().all(|&v| points[v as usize].is_finite());
     let mut used = vec![false; points.len()];
-    for &v in triangles.iter().filter(finite).flatten() {
+    for &v in triangles.iter().flatten() {
         used[v as usize] = true;
     }
     let representative = merge(points, &used, tolerance);
-    let mut not_finite = 0;
     let mut welded = Vec::with_capacity(triangles.len());
     for t in triangles {
-        if !finite(&t) {
-            not_finite += 1;
-            continue;
-        }
         let t = smallest_first(t.map(|v| representative[v as usize]));
         if t[0] != t[1] && t[1] != t[2] && t[0] != t[2] {
             welded.push(t);
@@ -40,7 +32,7 @@ pub(super) fn weld(points: &[DVec3], triangles: &[[u32; 3]], tolerance: f64) -> 
     }
     drop_doubles(&mut welded);
     let points = compact(points, &mut welded);
-    Welded { points, triangles: welded, not_finite }
+    Welded { points, triangles: welded }
 }
 
 /// For each used vertex, the earlier vertex that stands for it (or itself).
@@ -134,12 +126,11 @@ mod tests {
     #[test]
     fn a_soup_becomes_one_surface_and_bad_triangles_go() {
         let p = |x: f64, y: f64| DVec3::new(x, y, 0.0);
-        let points = [p(0.0, 0.0), p(1.0, 0.0), p(0.0, 1.0), p(1.0, 1e-9), p(1.0, 1.0), p(1e-9, 1.0), p(f64::NAN, 0.0)];
-        let triangles = [[2, 0, 1], [3, 4, 5], [5, 4, 3], [1, 3, 4], [0, 1, 6]];
+        let points = [p(0.0, 0.0), p(1.0, 0.0), p(0.0, 1.0), p(1.0, 1e-9), p(1.0, 1.0), p(1e-9, 1.0)];
+        let triangles = [[2, 0, 1], [3, 4, 5], [5, 4, 3], [1, 3, 4]];
         let welded = weld(&points, &triangles, 1e-6);
         assert_eq!(welded.triangles, [[0, 1, 2], [1, 3, 2]]);
         assert_eq!(welded.points, [points[0], points[1], points[2], points[4]]);
-        assert_eq!(welded.not_finite, 1);
     }
 
     #[test]

@@ -18,7 +18,7 @@ const WALK: [u32; 5] = [1, 111, 201, 307, 372];
 /// Frames of the take by handles that turn: the first, the quarters (the second third has a hand that nobody holds), the last.
 const REACH: [u32; 4] = [1, 20, 40, 60];
 
-/// What may differ between processors, in diagonals. At quality `converged` a frame ends within about twenty tolerances of 1e-6 of the minimum,
+/// What may differ between processors, in diagonals. At quality `converged` a frame ends within about twenty tolerances of 1e-7 of the minimum,
 /// however its sums are rounded: two processors may be twice that apart; the rest is the rounding of the file's f32 coordinates.
 const TOLERANCE: f64 = 5e-5;
 

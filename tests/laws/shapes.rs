@@ -29,6 +29,12 @@ impl Shape {
         Self { name, kind, points: points.into_iter().map(|p| (p - centre) / diagonal).collect(), triangles }
     }
 
+    /// The longest side of its box.
+    pub fn height(&self) -> f64 {
+        let (lo, hi) = self.points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)));
+        (hi - lo).max_element()
+    }
+
     /// Vertices far from each other, starting at the first.
     pub fn spread(&self, count: usize) -> Vec<DVec3> {
         let mut chosen = vec![self.points[0]];
@@ -108,12 +114,12 @@ fn horn() -> Shape {
     Shape::new("horn", Kind::Other, points, triangles)
 }
 
-/// A dumb-bell: two bulbs on a thin neck.
+/// A dumb-bell: two bulbs on a thin neck, a little bent.
 fn bells() -> Shape {
     let (points, triangles) = tube(90, 30, |t| {
         let radius =
             0.18 + 0.5 * (1.0 - (t * 2.0 - 1.0).powi(2) * 4.0 / 3.0).abs().min(0.5) * (t * std::f64::consts::TAU).cos().abs();
-        (DVec3::Y * t * 3.0, DVec3::Z * radius, DVec3::X * radius)
+        (DVec3::new(0.1 * t * t, 3.0 * t, 0.05 * t), DVec3::Z * radius, DVec3::X * radius)
     });
     Shape::new("bells", Kind::Other, points, triangles)
 }

@@ -70,6 +70,9 @@ pub struct Options {
 
 /// A pose is within so many of its last steps from the minimum, as a rule.
 const ERROR_PER_STEP: f64 = 20.0;
+/// Coefficient of a vertex in a handle's row from which the vertex counts in full for the hardness of the handle; below, it counts in proportion: a
+/// handle on an edge must not depend on which of the faces there its row was made from.
+const FULL_SHARE: f64 = 0.1;
 
 /// Mean distance of the targets from where the handles would be by their motion so far, in diagonals, from which the take was cut there: a body at
 /// thirty frames a second does not change its speed by that much.
@@ -80,8 +83,8 @@ impl Options {
     pub const DRAFT: f64 = 5e-5;
     /// The default tolerance.
     pub const NORMAL: f64 = 5e-6;
-    /// Tolerance for poses that are compared with stored ones.
-    pub const CONVERGED: f64 = 1e-6;
+    /// Tolerance for poses that are compared with others: errors around a millionth of the body.
+    pub const CONVERGED: f64 = 1e-7;
 
     fn effective_bulk(&self) -> f64 {
         if self.iterations.is_some() { 0.0 } else { self.bulk }
@@ -167,8 +170,11 @@ impl Volumetric {
                 largest[v as usize] += e.capped * g.length_squared();
             }
         }
-        let weights =
-            handles.iter().map(|h| h.beta * h.row.indices.iter().fold(0.0_f64, |m, &v| m.max(largest[v as usize]))).collect();
+        let hardness = |row: &SparseRow| {
+            let each = row.indices.iter().zip(&row.values).map(|(&v, c)| largest[v as usize] * (c.abs() / FULL_SHARE).min(1.0));
+            each.fold(0.0, f64::max)
+        };
+        let weights = handles.iter().map(|h| h.beta * hardness(&h.row)).collect();
         Self::with_weights(proxy, elements, &handles, weights, oriented, options)
     }
 

@@ -84,11 +84,42 @@ impl RingMaps {
     }
 }
 
+/// The volume-weighted mean of the gradient operators of the tetrahedra at each vertex: blended by barycentric coordinates they vary
+/// continuously along the boundary. A point off a convex edge has its foot on the edge, where rounding says which face is nearest: with one
+/// operator per face that would decide how the point follows.
+#[derive(Clone, Debug)]
+pub(super) struct VertexMaps {
+    touching: Touching,
+    tets: Vec<[u32; 4]>,
+    operators: Vec<([DVec3; 4], f64)>,
+}
+
+impl VertexMaps {
+    pub(super) fn new(proxy: &Proxy) -> Self {
+        Self {
+            touching: Touching::new(proxy),
+            tets: proxy.tets.clone(),
+            operators: proxy.tets.iter().map(|tet| gradients_by_volume(&proxy.rest, tet)).collect(),
+        }
+    }
+
+    /// Coefficients that move the vertex by `offset`; they sum to zero. A vertex may come several times. None without volume.
+    pub(super) fn along(&self, vertex: u32, offset: DVec3) -> impl Iterator<Item = (u32, f64)> + '_ {
+        let around = move || self.touching.tets(vertex).map(|t| (&self.tets[t as usize], &self.operators[t as usize]));
+        let volume: f64 = around().map(|(_, (_, volume))| volume.abs()).sum();
+        let offset = if volume > 0.0 { offset / volume } else { DVec3::ZERO };
+        around().flat_map(move |(tet, (gradients, volume))| {
+            tet.iter().zip(gradients).map(move |(&v, g)| (v, g.dot(offset) * volume.signum()))
+        })
+    }
+}
+
 pub(super) fn centre(rest: &[DVec3], face: &[u32; 3]) -> DVec3 {
     face.iter().map(|&v| rest[v as usize]).sum::<DVec3>() / 3.0
 }
 
 /// Tetrahedra at each vertex.
+#[derive(Clone, Debug)]
 struct Touching {
     starts: Vec<u32>,
     tets: Vec<u32>,

@@ -113,3 +113,28 @@ fn distances_are_negative_inside() {
     assert_eq!(HandleRows::new(&Proxy::default(), MapKind::Ring).distance(DVec3::ZERO), f64::INFINITY);
     assert!(HandleRows::new(&Proxy::default(), MapKind::Paper).row(DVec3::ZERO).indices.is_empty());
 }
+
+#[test]
+fn ring_rows_are_continuous_over_edges_and_corners() {
+    let proxy = shaken();
+    let rows = HandleRows::new(&proxy, MapKind::Ring);
+    let bend = |p: DVec3| affine(p) + DVec3::new(p.y * p.z, p.x * p.x, p.x * p.y) * 2.0;
+    let posed: Vec<DVec3> = proxy.rest.iter().map(|&p| bend(p)).collect();
+    let mut dice = Dice(3);
+    let mut over = 0;
+    for face in &proxy.boundary {
+        let [a, b, c] = face.map(|v| proxy.rest[v as usize]);
+        let out = (b - a).cross(c - a).normalize();
+        for foot in [a, a.lerp(b, 0.3)] {
+            // Off a convex edge or corner the foot stays on it, whichever face is nearest.
+            let point = foot + out * 0.02;
+            let here = rows.row(point).apply(&posed);
+            for _ in 0..4 {
+                let near = point + dice.point(1e-7);
+                assert!(rows.row(near).apply(&posed).distance(here) < 1e-5);
+                over += usize::from(rows.closest(near).unwrap().triangle != rows.closest(point).unwrap().triangle);
+            }
+        }
+    }
+    assert!(over > 100, "{over}");
+}
