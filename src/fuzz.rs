@@ -15,11 +15,6 @@ pub const BODIES: &[(&str, Body)] = &[
     ("capture_c3d", crate::capture::fuzz_tables::c3d),
     ("capture_trc", crate::capture::fuzz_tables::trc),
     ("capture_csv", crate::capture::fuzz_tables::csv),
-    ("take_bvh", crate::capture::fuzz_skeletons::bvh),
-    ("take_acclaim", crate::capture::fuzz_skeletons::acclaim),
-    ("take_gltf", crate::capture::fuzz_skeletons::gltf),
-    #[cfg(feature = "fbx")]
-    ("take_fbx", crate::capture::fuzz_skeletons::fbx),
     ("capture_bvh", crate::capture::fuzz_skeletons::bvh),
     ("capture_acclaim", crate::capture::fuzz_skeletons::acclaim),
     ("capture_gltf", crate::capture::fuzz_skeletons::gltf),

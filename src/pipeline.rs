@@ -7,7 +7,7 @@ mod oriented;
 
 use crate::binding::Binding;
 use crate::capture::MarkerTake;
-use crate::deform::{Deformer, Handle, OrientedHandle, Targets};
+use crate::deform::{Deformer, ERROR_PER_STEP, Handle, OrientedHandle, Targets};
 use crate::error::{Error, Kind, Result};
 use crate::export::{FrameBatch, FrameSink, Header, Needs, Written};
 use crate::report::{FrameMeasure, ReportWriter, Residual, Spread};
@@ -106,9 +106,6 @@ pub enum Progress {
     /// All frames are solved; the outputs are completed, which takes a while for a skin.
     Finishing,
 }
-
-/// The error of a pose over the last step of the solver, as measured; at worst twice that.
-const ERROR_PER_STEP: f64 = 20.0;
 
 /// A set of frames, kept as the first few ranges and a count.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

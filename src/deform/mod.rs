@@ -94,6 +94,9 @@ pub struct FrameStats {
     pub volume_ratio: f64,
 }
 
+/// The error of a pose over the last step of the solver, as measured; at worst twice that.
+pub(crate) const ERROR_PER_STEP: f64 = 20.0;
+
 /// Poses a body from handle targets, frame after frame.
 pub trait Deformer: Send {
     /// First frame, or a frame after a jump: aligned rigidly to the targets, then solved cold.

@@ -332,6 +332,7 @@ pub(super) struct ViewExtensions {
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct BufferEntry {
     pub(super) uri: Option<String>,
+    pub(super) byte_length: Option<f64>,
 }
 
 /// A material.

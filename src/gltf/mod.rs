@@ -71,6 +71,15 @@ impl Gltf {
         self.bytes
     }
 
+    /// A warning, where a buffer holds less than the document announces.
+    pub(crate) fn cut_short(&self) -> Option<String> {
+        self.document.buffers.iter().zip(&self.buffers).enumerate().find_map(|(k, (entry, buffer))| {
+            let container::Buffer::Loaded(bytes) = buffer else { return None };
+            let announced = entry.byte_length.filter(|&n| n > bytes.len() as f64)?;
+            Some(format!("buffer {k} has {} of the {announced} bytes that it announces: the file may be cut short", bytes.len()))
+        })
+    }
+
     /// The element `index` of one of the document's arrays; `what` names it in the error.
     pub(crate) fn get<'a, T>(items: &'a [T], index: u32, what: &str) -> Result<&'a T> {
         items

@@ -23,6 +23,9 @@ pub(super) fn read(bytes: &[u8], files: &Files<'_>, clip: Option<&str>) -> Resul
     gltf.require_only(&["KHR_mesh_quantization", "KHR_texture_transform", "KHR_materials_unlit"])?;
     let tree = gltf.hierarchy()?;
     let mut notes = Notes::default();
+    if let Some(text) = gltf.cut_short() {
+        notes.warn(text);
+    }
     let nodes = joint_nodes(&gltf, &tree)?;
     let mut accessors = Accessors::new(&gltf);
     let clips = clips(&mut accessors, &gltf, &tree, &nodes);

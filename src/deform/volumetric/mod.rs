@@ -31,7 +31,7 @@ mod recovery;
 #[cfg(test)]
 mod stored_poses;
 
-use super::{Deformer, FrameStats, Handle, OrientedHandle, Placement, Targets};
+use super::{Deformer, ERROR_PER_STEP, FrameStats, Handle, OrientedHandle, Placement, Targets};
 use crate::error::{Error, Result};
 use crate::linalg::lanes::{Lanes, longest};
 use crate::linalg::rotation::{self, Quaternions};
@@ -68,8 +68,6 @@ pub struct Options {
     pub sliver_cap: f64,
 }
 
-/// A pose is within so many of its last steps from the minimum, as a rule.
-const ERROR_PER_STEP: f64 = 20.0;
 /// Coefficient of a vertex in a handle's row from which the vertex counts in full for the hardness of the handle; below, it counts in proportion: a
 /// handle on an edge must not depend on which of the faces there its row was made from.
 const FULL_SHARE: f64 = 0.1;

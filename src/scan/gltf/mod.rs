@@ -265,6 +265,9 @@ impl Scene<'_> {
         let scan = &mut self.scan;
         let vertices = scan.mesh.positions.len();
         let Counts { points, lines, morphed, incomplete, colored, unweighted, instanced } = self.counts;
+        if let Some(text) = self.gltf.cut_short() {
+            scan.notes.warn(text);
+        }
         let mut note = |count: usize, text: &str| {
             if count > 0 {
                 scan.notes.warn(format!("{text}: {count}"));
