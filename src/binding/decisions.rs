@@ -110,7 +110,7 @@ impl Decisions {
             format!("yaw {:.0}°", self.yaw.round() + 0.0),
         ];
         let mut bound = match self.align {
-            Align::Retarget => format!("{} by {} points", words::plural(self.markers, self.noun), self.bound),
+            _ if self.noun == "joint" => format!("{} by {} points", words::plural(self.markers, self.noun), self.bound),
             _ => format!("{} of {} bound", self.bound, words::plural(self.markers, self.noun)),
         };
         if let Some((median, worst, label)) = &self.off_surface {

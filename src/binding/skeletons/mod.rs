@@ -38,6 +38,8 @@ use stance::Lengths;
 const FAR: f64 = 45.0;
 /// Length ratios of actor and scan farther from 1 than this are worth a word.
 const OTHER_BUILD: f64 = 0.25;
+/// Lengths of trunk and arm, in those of the leg, of a person whose joints have no telling names.
+const LIKE_LEGS: (f64, f64) = (0.35, 1.1);
 /// Share of frames in which the feet may be below the floor.
 const ON_FLOOR: f64 = 0.2;
 
@@ -200,6 +202,12 @@ fn recognise(rig: &Rig<'_>, options: &Options, notes: &mut Notes) -> Result<(Cas
         cast.legs[side].toe = neutral::pointing_toe(rig, &cast, side);
     }
     let lengths = Lengths::of(rig, &cast).ok_or_else(|| refusal("no frame shows all joints of the limbs".to_owned()))?;
+    let leg = lengths.thigh + lengths.shank;
+    let unlike = |length: f64| !(LIKE_LEGS.0 * leg..=LIKE_LEGS.1 * leg).contains(&length);
+    if cast.by_form && (unlike(lengths.torso) || unlike(lengths.upper_arm + lengths.forearm)) {
+        let what = "the names of the joints say nothing, and trunk, arms and legs have not the lengths of a person's";
+        return Err(refusal(what.to_owned()));
+    }
     let shortest =
         [lengths.thigh, lengths.shank, lengths.upper_arm, lengths.forearm, lengths.torso].into_iter().fold(f64::MAX, f64::min);
     if shortest.is_nan() || shortest < 0.05 * lengths.thigh.max(lengths.torso) {
