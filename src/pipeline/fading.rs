@@ -8,7 +8,7 @@ const STRIDE: f64 = 0.008;
 const FEWEST: u32 = 6;
 /// What remains in each frame of the pull of a marker that has vanished, and the pull that is none any more. A free limb follows the faintest pull,
 /// so that the pull has to fall by powers, and far.
-const RELEASE: f64 = 0.35;
+const RELEASE: f64 = 0.6;
 const FAINTEST: f64 = 1e-7;
 /// What remains in each frame of the speed that the handle had then: how the limb goes on is not known.
 const SLOWING: f64 = 0.7;
@@ -145,7 +145,7 @@ mod tests {
     fn a_marker_that_vanishes_lets_go_by_and_by_along_its_way() {
         let mut fading = Fading::new(2);
         let mut presences = Vec::new();
-        for k in 0..30 {
+        for k in 0..45 {
             let at = DVec3::X + DVec3::Y * (0.01 * f64::from(k));
             let mut targets = targets([DVec3::ZERO, at]);
             fading.follow(&handles(), &[DVec3::ZERO, at - DVec3::Y * 0.01], &[true, k < 5], &mut targets);
@@ -154,7 +154,7 @@ mod tests {
             assert!(!pulls || k > 5 || targets.positions[1].distance(at) < 1e-12);
             assert!(!pulls || targets.positions[1].distance(at) < 0.0101);
         }
-        assert!(presences[4] == 1.0 && presences[5] == RELEASE && presences[29] == 0.0);
+        assert!(presences[4] == 1.0 && presences[5] == RELEASE && presences[44] == 0.0);
         assert!(presences[5..].windows(2).all(|w| w[1] <= w[0]));
     }
 

@@ -274,7 +274,7 @@ fn arms_and_legs_that_touch_stay_apart() {
         assert_eq!((built.summary.pieces, built.summary.joined), (1, built.joined.len()));
         // Feet of which nine tenths are inside each other cannot be told apart altogether; nothing else is joined.
         let through = pose.leg > 11.9;
-        assert!(mixed == 0 && torn <= if through { 50 } else { 10 } && volume > 0.985, "{torn} {mixed} {volume}");
+        assert!(mixed == 0 && torn <= if through { 80 } else { 10 } && volume > 0.985, "{torn} {mixed} {volume}");
         assert!(through || built.joined.is_empty(), "{:?}", built.joined);
         // The skin follows its own limb. Where feet stand in each other, what is joined takes skin along.
         let (mean, worst, strayed) = skin;
