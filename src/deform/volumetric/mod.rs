@@ -70,7 +70,7 @@ pub struct Options {
 
 /// Coefficient of a vertex in a handle's row from which the vertex counts in full for the hardness of the handle; below, it counts in proportion: a
 /// handle on an edge must not depend on which of the faces there its row was made from.
-const FULL_SHARE: f64 = 0.1;
+const FULL_SHARE: f64 = 0.03;
 
 /// Mean distance of the targets from where the handles would be by their motion so far, in diagonals, from which the take was cut there: a body at
 /// thirty frames a second does not change its speed by that much.
@@ -97,7 +97,7 @@ impl Default for Options {
             stiffness: Vec::new(),
             rigid: Vec::new(),
             interpolate_above: std::f64::consts::FRAC_PI_6,
-            bulk: 0.9,
+            bulk: 1.0,
             sliver_cap: 30.0,
         }
     }
