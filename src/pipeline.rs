@@ -3,6 +3,7 @@
 //! Stages pass batches of eight frames through bounded channels; the batches are reused, so memory does not grow with the take.
 
 mod fading;
+pub mod grips;
 mod oriented;
 
 use crate::binding::Binding;

@@ -1,5 +1,7 @@
 //! Numbers, lengths and times as a person reads them.
 
+use std::collections::{HashMap, HashSet};
+
 /// `214878` → `214,878`.
 pub(crate) fn count(n: usize) -> String {
     let digits = n.to_string();
@@ -60,6 +62,33 @@ pub(crate) fn bytes(n: u64) -> String {
     }
 }
 
+/// Makes names unique: later ones of a kind get `#2`, `#3` …; empty ones become `noun 7`. Returns how many were changed.
+pub(crate) fn unique<'a>(names: impl Iterator<Item = &'a mut String>, noun: &str) -> usize {
+    let mut taken: HashSet<String> = HashSet::new();
+    let mut next: HashMap<String, usize> = HashMap::new();
+    let mut changed = 0;
+    for (n, name) in names.enumerate() {
+        if name.is_empty() {
+            *name = format!("{noun} {}", n + 1);
+        }
+        if taken.insert(name.clone()) {
+            continue;
+        }
+        let count = next.entry(name.clone()).or_insert(2);
+        let free = loop {
+            let tried = format!("{name}#{count}");
+            *count += 1;
+            if !taken.contains(&tried) {
+                break tried;
+            }
+        };
+        taken.insert(free.clone());
+        *name = free;
+        changed += 1;
+    }
+    changed
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -81,5 +110,12 @@ mod tests {
         assert_eq!(seconds(125.0), "2 min 05 s");
         assert_eq!(seconds(119.7), "2 min 00 s");
         assert_eq!(bytes(11_400_000), "11.4 MB");
+    }
+
+    #[test]
+    fn names_become_unique() {
+        let mut names = ["a", "b", "a", "a#2", "", "a", "b"].map(str::to_owned);
+        assert_eq!(unique(names.iter_mut(), "joint"), 4);
+        assert_eq!(names, ["a", "b", "a#2", "a#2#2", "joint 5", "a#3", "b#2"]);
     }
 }

@@ -10,7 +10,6 @@ mod corpus;
 mod decisions;
 pub mod driven;
 mod fit;
-pub mod grips;
 mod labels;
 pub mod landmarks;
 mod places;

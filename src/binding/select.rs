@@ -205,7 +205,7 @@ fn instead<'a>(word: &str, known: impl Iterator<Item = &'a str>, ending: &str) -
 }
 
 /// Up to a dozen words of a list.
-pub(super) fn some_of(words: impl Iterator<Item = String>) -> String {
+pub(crate) fn some_of(words: impl Iterator<Item = String>) -> String {
     const SHOWN: usize = 12;
     let mut words: Vec<String> = words.take(SHOWN + 1).collect();
     if words.len() > SHOWN {
@@ -215,7 +215,7 @@ pub(super) fn some_of(words: impl Iterator<Item = String>) -> String {
 }
 
 /// The known word with the fewest changed letters, when no more than half of them change; of equals one that only goes on, then the first.
-pub(super) fn nearest<'a>(word: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+pub(crate) fn nearest<'a>(word: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let letters = |word: &str| word.to_lowercase().chars().collect::<Vec<char>>();
     let word = letters(word);
     let measured = known.map(|k| {

@@ -4,7 +4,6 @@ use super::{Capture, Cleaning, MarkerTake, Motion, Rest, SkeletonTake, source};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::space::{Space, Unit};
 use glam::{DMat3, DQuat, DVec3};
-use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 /// Bytes of a take per byte of the file above which the file is refused, and bytes that are always allowed. A row of a real file has
@@ -109,33 +108,6 @@ pub(super) fn cells(count: usize, noun: &str, frames: usize, bytes: usize) -> Re
     Ok(cells.unwrap_or_default())
 }
 
-/// Makes names unique: later ones of a kind get `#2`, `#3` …; empty ones become `joint 7`. Returns how many were changed.
-pub(super) fn unique<'a>(names: impl Iterator<Item = &'a mut String>) -> usize {
-    let mut taken: HashSet<String> = HashSet::new();
-    let mut next: HashMap<String, usize> = HashMap::new();
-    let mut changed = 0;
-    for (n, name) in names.enumerate() {
-        if name.is_empty() {
-            *name = format!("joint {}", n + 1);
-        }
-        if taken.insert(name.clone()) {
-            continue;
-        }
-        let count = next.entry(name.clone()).or_insert(2);
-        let free = loop {
-            let tried = format!("{name}#{count}");
-            *count += 1;
-            if !taken.contains(&tried) {
-                break tried;
-            }
-        };
-        taken.insert(free.clone());
-        *name = free;
-        changed += 1;
-    }
-    changed
-}
-
 /// The rate that a period in seconds means: its inverse, or the usual rate that the period is a rounding of. `decimals` are those
 /// that the period is written with.
 pub(super) fn rate(period: f64, decimals: usize) -> f64 {
@@ -190,13 +162,6 @@ pub(super) fn no_frames(found: &str) -> Error {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-
-    #[test]
-    fn names_become_unique() {
-        let mut names = ["a", "b", "a", "a#2", "", "a", "b"].map(str::to_owned);
-        assert_eq!(unique(names.iter_mut()), 4);
-        assert_eq!(names, ["a", "b", "a#2", "a#2#2", "joint 5", "a#3", "b#2"]);
-    }
 
     #[test]
     fn a_rounded_period_means_the_usual_rate() {

@@ -8,7 +8,6 @@ use super::decisions::{
 };
 use super::outputs;
 use super::picture::{self, Bound};
-use crate::binding::grips::{self, Holding};
 use crate::binding::regions::Subject;
 use crate::binding::select::Hold;
 use crate::binding::{self, Binding, Regions, Rules, ScanShape, driven, landmarks};
@@ -20,6 +19,7 @@ use crate::deform::{Grip, Handle, OrientedHandle};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::export::files::Pending;
 use crate::export::{Cancel, FrameSink, Header};
+use crate::pipeline::grips::{self, Holding};
 use crate::pipeline::{self, Job, Progress};
 use crate::proxy::rows::HandleRows;
 use crate::proxy::{self, BuildOptions, Proxy, medit};

@@ -217,9 +217,14 @@ fn line(text: &mut String, keyword: &str, name: Option<&str>) {
     text.push_str(keyword);
     if let Some(name) = name {
         text.push(' ');
-        text.push_str(name);
+        text.push_str(&on_one_line(name));
     }
     text.push('\n');
+}
+
+/// A name as a statement can hold it: other formats allow line ends in names.
+fn on_one_line(name: &str) -> std::borrow::Cow<'_, str> {
+    if name.contains(char::is_control) { name.replace(char::is_control, "_").into() } else { name.into() }
 }
 
 /// The libraries that the frames name: the scan's, as seen from the frames, or as written where they are missing; else an own one, if the
@@ -247,6 +252,7 @@ fn library(materials: &[Material], sequence: &Sequence) -> Result<String> {
         materials
     {
         let [er, eg, eb] = emissive;
+        let name = on_one_line(name);
         text += &format!("newmtl {name}\nKd {r} {g} {b}\nd {a}\nKe {er} {eg} {eb}\nPm {metallic}\nPr {roughness}\n");
         for (keyword, texture) in [("map_Kd", base_color_texture), ("norm", normal_texture)] {
             let file = match texture {

@@ -259,3 +259,19 @@ fn real_scans_survive() {
         assert_eq!(ply.look.colors, scan.look.colors);
     }
 }
+
+#[test]
+fn names_of_other_formats_stay_on_their_line() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut scan = sample(dir.path());
+    scan.look.groups[0].object = Some("a\nv 9 9 9".to_owned());
+    scan.look.materials[0].name = "skin\r\nKd 9 9 9".to_owned();
+    scan.look.material_libraries.clear();
+    let motion = Motion::of(&scan, 1);
+    write_obj(&scan, &motion, &dir.path().join("f_##.obj"), 0);
+    let again = read(&dir.path().join("f_00.obj")).unwrap();
+    assert_eq!(again.mesh.positions.len(), scan.mesh.positions.len());
+    assert_eq!(again.look.groups[0].object.as_deref(), Some("a_v 9 9 9"));
+    assert_eq!(again.look.materials[0].name, "skin__Kd 9 9 9");
+    assert_eq!(again.look.materials[0].base_color, scan.look.materials[0].base_color);
+}

@@ -8,7 +8,7 @@ mod asf;
 mod lines;
 mod partner;
 
-use super::skeleton::{self, Frames, SkeletonFile};
+use super::skeleton::{Frames, SkeletonFile};
 use super::{Joint, Rest, source};
 use crate::error::{Error, Notes, Result};
 use crate::space::{Evidence, Known, Space};
@@ -191,7 +191,7 @@ fn joints(asf: &Asf, ends: &[bool]) -> Vec<Joint> {
             joints.push(Joint { name: format!("{}_End", bone.name), parent: Some(of_bone[n]), rest, rest_turn, end: true });
         }
     }
-    skeleton::unique(joints.iter_mut().map(|j| &mut j.name));
+    crate::words::unique(joints.iter_mut().map(|j| &mut j.name), "joint");
     joints
 }
 

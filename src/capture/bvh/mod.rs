@@ -44,7 +44,7 @@ pub(super) fn read(bytes: &[u8], fallback: Option<f64>) -> Result<SkeletonFile> 
     let added = placing::added(&hierarchy, values, &mut notes);
 
     let mut joints = rest(&hierarchy.nodes);
-    let renamed = skeleton::unique(joints.iter_mut().map(|j| &mut j.name));
+    let renamed = crate::words::unique(joints.iter_mut().map(|j| &mut j.name), "joint");
     if renamed > 0 {
         notes.warn(format!("{} had the name of another: renamed", counted(renamed, "joint")));
     }

@@ -202,7 +202,7 @@ fn joints(scene: &Scene, nodes: &[usize], tree: &Tree) -> (Vec<Joint>, Rest) {
         let name = scene.nodes[n].element.name.to_string();
         joints.push(Joint { name, parent, rest: rest.translation, rest_turn: skeleton::turn(&rest.matrix3), end: false });
     }
-    skeleton::unique(joints.iter_mut().map(|j| &mut j.name));
+    crate::words::unique(joints.iter_mut().map(|j| &mut j.name), "joint");
     (joints, if from_bind { Rest::Bind } else { Rest::Nodes })
 }
 

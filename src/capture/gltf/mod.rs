@@ -199,7 +199,7 @@ fn joints(accessors: &mut Accessors<'_>, gltf: &Gltf, tree: &Hierarchy, nodes: &
         let name = if name.is_empty() { format!("node {n}") } else { name };
         joints.push(Joint { name, parent, rest: rest.translation, rest_turn: skeleton::turn(&rest.matrix3), end: false });
     }
-    skeleton::unique(joints.iter_mut().map(|j| &mut j.name));
+    crate::words::unique(joints.iter_mut().map(|j| &mut j.name), "joint");
     let rest = if bound.iter().any(Option::is_some) { Rest::Bind } else { Rest::Nodes };
     Ok((joints, rest))
 }

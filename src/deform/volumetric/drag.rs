@@ -124,16 +124,28 @@ fn flatten(stretch: &mut Matrices, lane: usize) {
     }
 }
 
-/// Of a symmetric matrix, by the cosine of the third of an angle.
+/// Of a symmetric matrix: the first root of its characteristic polynomial by Newton's method from below, where it never steps past the root. Without
+/// functions that differ between machines.
 fn smallest_eigenvalue(m: DMat3) -> f64 {
+    const STEPS: usize = 40;
     let mean = (m.x_axis.x + m.y_axis.y + m.z_axis.z) / 3.0;
     let rest = m - DMat3::IDENTITY * mean;
     let spread = (rest.to_cols_array().iter().map(|x| x * x).sum::<f64>() / 6.0).sqrt();
     if spread == 0.0 {
         return mean;
     }
-    let cosine = ((rest * (1.0 / spread)).determinant() / 2.0).clamp(-1.0, 1.0);
-    mean + 2.0 * spread * (cosine.acos() / 3.0 + std::f64::consts::TAU / 3.0).cos()
+    // Of the matrix without its mean, over its spread: x³ − 3 x − d, with roots from −2 to 2.
+    let d = (rest * (1.0 / spread)).determinant().clamp(-2.0, 2.0);
+    let mut x = -2.0f64;
+    for _ in 0..STEPS {
+        let slope = 3.0 * (x * x - 1.0);
+        let step = (d + 3.0 * x - x * x * x) / slope;
+        if step.is_nan() || step <= 1e-15 {
+            break;
+        }
+        x += step;
+    }
+    mean + spread * x
 }
 
 #[cfg(test)]

@@ -270,6 +270,8 @@ impl Scene<'_> {
             look.corner_uvs = corners.iter().map(|&v| if look.uvs[v as usize][0].is_nan() { NONE } else { v }).collect();
             look.uvs.iter_mut().filter(|uv| uv[0].is_nan()).for_each(|uv| *uv = [0.0; 2]);
         }
+        // Equal names are usual here; elsewhere a name means one material.
+        crate::words::unique(look.materials.iter_mut().map(|m| &mut m.name), "material");
         look.twins = twins(&scan.mesh.positions, &self.normals);
         self.looks.notes.into_iter().for_each(|text| scan.notes.warn(text));
         scan.space.unit = Some(Known::new(Unit::Metre, Evidence::File));

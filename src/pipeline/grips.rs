@@ -1,8 +1,8 @@
 //! How handles that turn hold the proxy: by a part of the scan that is named, or by what surrounds them.
 
-use super::driven::{Turning, TurningHandle};
-use super::regions::Subject;
-use super::select::{self, Hold};
+use crate::binding::driven::{Turning, TurningHandle};
+use crate::binding::regions::Subject;
+use crate::binding::select::{self, Hold};
 use crate::deform::{Grip, OrientedHandle};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::proxy::rows::Surroundings;
