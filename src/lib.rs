@@ -43,6 +43,7 @@
 
 pub use glam;
 
+mod beside;
 pub mod binding;
 pub mod capture;
 pub mod cli;
@@ -53,6 +54,7 @@ pub mod export;
 pub mod fuzz;
 mod gltf;
 pub mod linalg;
+mod packing;
 pub mod picture;
 pub mod pipeline;
 pub mod proxy;

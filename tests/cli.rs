@@ -236,3 +236,37 @@ fn the_picture_shows_body_and_markers_and_is_the_same_for_any_number_of_threads(
     let twice = run(&["-o", "d.pc2", "--picture", "d.pc2"]);
     assert_eq!(twice.status.code(), Some(2), "{}", said(&twice));
 }
+
+const ASF: &str = ":version 1.10\n:name LEG\n:units\n length 0.45\n angle deg\n:root\n order TX TY TZ RX RY RZ\n axis XYZ\n position 0 0 0\n orientation 0 0 0\n\
+    :bonedata\nbegin\n name femur\n direction 0 -2 0\n length 4\n axis 0 0 30 XYZ\n dof rx ry rz\nend\n:hierarchy\nbegin\nroot femur\nend\n";
+
+const AMC: &str = ":FULLY-SPECIFIED\n:DEGREES\n1\nroot 1 2 3 0 90 0\nfemur 0 0 0\n2\nroot 1 2 4 10 20 30\nfemur 5 -6 7\n";
+
+#[test]
+fn inspect_takes_the_options_that_it_advises() {
+    let work = tempfile::tempdir().unwrap();
+    std::fs::create_dir(work.path().join("elsewhere")).unwrap();
+    std::fs::write(work.path().join("elsewhere/leg.asf"), ASF).unwrap();
+    std::fs::write(work.path().join("kick.amc"), AMC).unwrap();
+    let alone = retarget(work.path(), ["inspect", "kick.amc"]);
+    assert!(!alone.status.success() && said(&alone).contains("--skeleton"), "{}", said(&alone));
+    let shown = |more: &[&str]| {
+        let output = retarget(work.path(), [&["inspect", "kick.amc", "--skeleton", "elsewhere/leg.asf"], more].concat());
+        assert!(output.status.success(), "{}", said(&output));
+        (String::from_utf8_lossy(&output.stdout).into_owned(), said(&output))
+    };
+    let (found, warned) = shown(&[]);
+    assert!(found.contains("2 frames at 120 Hz") && warned.contains("120 frames per second are assumed"), "{found}{warned}");
+    let (found, warned) = shown(&["--rate", "60"]);
+    assert!(found.contains("2 frames at 60 Hz") && !warned.contains("assumed"), "{found}{warned}");
+    let (_, warned) = shown(&["--clip", "Walk"]);
+    assert!(warned.contains("--clip is given but not used: it says nothing of an AMC motion"), "{warned}");
+}
+
+#[test]
+fn a_table_of_handles_is_no_static_trial() {
+    let work = tempfile::tempdir().unwrap();
+    std::fs::write(work.path().join("reach.csv"), "frame,name,x,y,z\n1,hand,0,1,2\n").unwrap();
+    let output = retarget(work.path(), short(&["-o", "a.pc2", "--ref-file", "reach.csv"]));
+    assert!(!output.status.success() && said(&output).contains("reach.csv: is a table of handles"), "{}", said(&output));
+}

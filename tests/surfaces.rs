@@ -97,7 +97,10 @@ fn a_scan_of_another_size_scales_the_sequence_and_another_thing_is_refused() {
         write(&folder.path().join(format!("bend_{number}.obj")), &bar(0.4 * number as f64), 1.0);
     }
     write(&folder.path().join("large.obj"), &bar(0.0), 3.0);
-    let said = retarget_ok(folder.path(), ["large.obj", "bend_1.obj", "-o", "out.pc2"]);
+    let said = retarget_ok(folder.path(), ["large.obj", "bend_1.obj", "-o", "out.pc2", "--clip", "Walk"]);
+    // What nobody says is said.
+    assert!(said.contains("2 frames at 30 Hz") && said.contains("30 Hz is assumed"), "{said}");
+    assert!(said.contains("--clip is given but not used: it says nothing of a sequence of meshes"), "{said}");
     assert!(said.contains("3.0") && said.contains("times the size of the captured surface"), "{said}");
     let frames = read_pc2(&folder.path().join("out.pc2"));
     let length = |p: &[[f32; 3]]| {

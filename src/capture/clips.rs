@@ -1,6 +1,6 @@
 //! Animations of which a file holds several, and the times of their frames.
 
-use super::skeleton;
+use super::{number, skeleton};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::words;
 
@@ -120,8 +120,15 @@ impl Times {
     }
 
     /// The number of the first frame, where frame 0 is at time 0.
-    pub(super) fn first_frame(&self) -> i64 {
-        (self.start * self.rate).round() as i64
+    ///
+    /// # Errors
+    /// Times that no capture has.
+    pub(super) fn first_frame(&self) -> Result<i64> {
+        let number = (self.start * self.rate).round();
+        if number.abs() > number::LARGEST_FRAME as f64 {
+            return Err(Error::refused(format!("the animation begins at {:e} s", self.start)).expected("times of a capture"));
+        }
+        Ok(number as i64)
     }
 }
 
@@ -176,7 +183,8 @@ mod tests {
         let beyond = Times::of_keys(beyond).unwrap();
         assert_eq!((beyond.rate, beyond.count, beyond.at(24)), (24.0, 25, 1.0));
         let late = Times::of_keys(even.iter().map(|t| t + 1.0 / 24.0).collect()).unwrap();
-        assert_eq!((late.first_frame(), late.count, late.at(24)), (1, 25, late.end));
+        assert_eq!((late.first_frame().unwrap(), late.count, late.at(24)), (1, 25, late.end));
+        assert_eq!(Times::of_keys(vec![1e17]).unwrap().first_frame().unwrap_err().kind, Kind::Refused);
         let slow = Times::of_keys(vec![0.0, 5.5, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0]).unwrap();
         assert_eq!((slow.rate, slow.count), (2.0, 12));
         let uneven = Times::of_keys(vec![0.0, 1e-4, 2e-4, 0.7, 1.0]).unwrap();

@@ -1,7 +1,7 @@
 //! Which format a capture file has: by the first bytes, and by the extension where they say nothing.
 
-use super::{marker_csv, source, table};
-use crate::error::{Error, Kind, Result};
+use super::{ReadOptions, marker_csv, source, table};
+use crate::error::{Error, Kind, Notes, Result};
 use std::path::Path;
 
 /// Formats of captures.
@@ -88,11 +88,74 @@ impl Format {
                     .expected("a skeleton take: BVH, ASF/AMC or glTF")
                     .hint("export it as BVH or glTF, or build with the feature 'fbx'");
             }
-            Format::Trc | Format::MotiveCsv | Format::MarkerCsv => "is a table of markers".to_owned(),
-            Format::HandleCsv => "is no table of markers".to_owned(),
-            Format::C3d | Format::Bvh | Format::Acclaim | Format::Gltf => "cannot be read".to_owned(),
-            Format::Meshes => "is a mesh".to_owned(),
+            Format::HandleCsv => {
+                return Error::new(Kind::Unsupported, "is a table of handles, or one without columns of markers")
+                    .expected("a capture: C3D, TRC, CSV with columns such as LASI_x, BVH, AMC, glTF or FBX")
+                    .hint("a table of handles is given as CAPTURE or with --handles");
+            }
+            Format::Acclaim | Format::Meshes => "is one of several files that are read together",
+            _ => "cannot be read",
         };
-        Error::new(Kind::Unsupported, what).expected("labelled markers: C3D, TRC or CSV").hint("export the markers as C3D")
+        Error::new(Kind::Unsupported, what).expected("a capture: C3D, TRC, CSV, BVH, AMC, glTF or FBX")
+    }
+
+    /// A warning for each of the options that says nothing of this format.
+    pub(super) fn not_used(self, options: &ReadOptions) -> Notes {
+        use Format::{Acclaim, C3d, Fbx, Gltf, MarkerCsv, MotiveCsv, Trc};
+        let given = [
+            ("--subject", options.subject.is_some(), matches!(self, C3d | Trc | MarkerCsv | MotiveCsv)),
+            ("--bodies", options.bodies, matches!(self, C3d | MotiveCsv)),
+            ("--clip", options.clip.is_some(), matches!(self, Gltf | Fbx)),
+            ("--skeleton", options.skeleton.is_some(), self == Acclaim),
+            ("--rate", options.rate.is_some(), !matches!(self, C3d | Gltf | Fbx)),
+        ];
+        let mut notes = Notes::default();
+        for (name, _, _) in given.iter().filter(|(_, given, used)| *given && !used) {
+            notes.warn(format!("{name} is given but not used: it says nothing of {}", self.noun()));
+        }
+        notes
+    }
+
+    /// For people: what a file of this format is.
+    fn noun(self) -> &'static str {
+        match self {
+            Format::C3d => "a C3D file",
+            Format::Bvh => "a BVH file",
+            Format::Acclaim => "an AMC motion",
+            Format::Gltf => "a glTF file",
+            Format::Fbx => "an FBX file",
+            Format::Usd => "a USD file",
+            Format::Trc => "a TRC table",
+            Format::MotiveCsv | Format::MarkerCsv => "a table of markers",
+            Format::HandleCsv => "a table of handles",
+            Format::Meshes => "a sequence of meshes",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_that_say_nothing_of_a_format_are_told() {
+        let options = ReadOptions {
+            subject: Some("Ann".into()),
+            rate: Some(60.0),
+            bodies: true,
+            clip: Some("Walk".into()),
+            skeleton: Some("a.asf".into()),
+            as_found: false,
+        };
+        let said = |format: Format| {
+            let notes = format.not_used(&options);
+            notes.iter().map(|n| n.split(' ').next().unwrap_or_default().to_owned()).collect::<Vec<_>>().join(" ")
+        };
+        assert_eq!(said(Format::C3d), "--clip --skeleton --rate");
+        assert_eq!(said(Format::Bvh), "--subject --bodies --clip --skeleton");
+        assert_eq!(said(Format::Acclaim), "--subject --bodies --clip");
+        assert_eq!(said(Format::Gltf), "--subject --bodies --skeleton --rate");
+        assert_eq!(said(Format::HandleCsv), "--subject --bodies --clip --skeleton");
+        assert!(Format::Bvh.not_used(&ReadOptions::default()).is_empty());
     }
 }

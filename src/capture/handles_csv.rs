@@ -36,6 +36,9 @@ pub struct HandleTable {
 }
 
 impl HandleTable {
+    /// Frames per second where nobody says any.
+    pub const RATE: f64 = 30.0;
+
     /// Reads a table.
     ///
     /// # Errors

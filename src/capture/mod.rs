@@ -10,7 +10,7 @@ mod clips;
 mod fbx;
 mod format;
 #[cfg(any(test, fuzzing))]
-pub mod fuzz_skeletons;
+pub(crate) mod fuzz_skeletons;
 #[cfg(any(test, fuzzing))]
 pub(crate) mod fuzz_tables;
 mod gaps;
@@ -64,7 +64,7 @@ pub struct ReadOptions {
     pub rate: Option<f64>,
     /// Takes the bones or rigid bodies of a file that holds markers too.
     pub bodies: bool,
-    /// Leaves gaps, jumps, copies and empty frames as they are in the file.
+    /// Leaves gaps, jumps, copies, empty frames and a rest pose before the motion as they are in the file.
     pub as_found: bool,
     /// Animation by its name, where the file holds several; `None` takes the longest.
     pub clip: Option<String>,
@@ -79,13 +79,16 @@ pub struct ReadOptions {
 /// # Errors
 /// Unreadable or broken files, formats that are not read yet, files with nothing to animate, a subject that is not there.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Capture> {
-    let capture = match format::tell(path)? {
+    let format = format::tell(path)?;
+    let capture = match format {
         Format::Meshes => vertices::read(path, options.rate),
         Format::Acclaim => acclaim::open(path, options.skeleton.as_deref(), options.rate).map(|file| file.capture(path)),
         Format::C3d if !source::is_packed(path) => c3d::C3d::open(path).and_then(|file| assemble::c3d(file, path, options)),
         format => source::load(path).and_then(|bytes| parse(format, bytes, path, options)),
     };
-    capture.map_err(|e| if e.file.is_none() { e.file(path) } else { e }.hint_for_broken_file())
+    let mut capture = capture.map_err(|e| if e.file.is_none() { e.file(path) } else { e }.hint_for_broken_file())?;
+    capture.notes.extend(format.not_used(options));
+    Ok(capture)
 }
 
 /// Reads and cleans a capture that is in memory; `name` stands for the path and helps to tell the format.
@@ -100,7 +103,10 @@ pub fn read_bytes(bytes: Vec<u8>, name: &Path, options: &ReadOptions) -> Result<
 fn parse(format: Format, bytes: Vec<u8>, path: &Path, options: &ReadOptions) -> Result<Capture> {
     match format {
         Format::C3d => assemble::c3d(c3d::C3d::parse(Cursor::new(bytes))?, path, options),
-        Format::Bvh => Ok(bvh::read(&bytes, options.rate)?.capture(path)),
+        Format::Bvh => {
+            let file = bvh::read(&bytes, options.rate)?;
+            Ok(if options.as_found { file } else { file.without_rest_row() }.capture(path))
+        }
         Format::Gltf => Ok(gltf::read(&bytes, &crate::gltf::beside(path), options.clip.as_deref())?.capture(path)),
         #[cfg(feature = "fbx")]
         Format::Fbx => Ok(fbx::read(&bytes, options.clip.as_deref())?.capture(path)),
@@ -112,6 +118,11 @@ fn parse(format: Format, bytes: Vec<u8>, path: &Path, options: &ReadOptions) -> 
         },
         other => Err(other.unsupported()),
     }
+}
+
+/// A warning for each of the options that says nothing of a file like this one.
+pub fn not_used(path: &Path, options: &ReadOptions) -> Notes {
+    format::tell(path).map_or_else(|_| Notes::default(), |format| format.not_used(options))
 }
 
 /// Whether a file is a table of handles ([`handles_csv`]) and not a capture; told by its first lines.

@@ -77,7 +77,8 @@ fn c3d_samples() -> Vec<Vec<u8>> {
     let labels = ["A:C7", "A:T10", "A:CLAV", "A:STRN", "A:LKneeAngles", "*1"].map(str::to_owned).to_vec();
     let file = C3dFile { labels, points: points(12), subjects: vec!["A".into()], ..C3dFile::default() };
     let integers = C3dFile { processor: Processor::Mips, integers: Some(0.05), analog: 4, first_frame: 70_000, ..file.clone() };
-    vec![file.bytes(), integers.bytes(), super::tests_of_tables::rotations(8)]
+    let in_floats = super::tests_of_tables::rotations_in_floats(8, 2.0, 3.0);
+    vec![file.bytes(), integers.bytes(), super::tests_of_tables::rotations(8), in_floats]
 }
 
 fn trc_samples() -> Vec<Vec<u8>> {
@@ -152,6 +153,10 @@ fn counts_of_two_to_the_31_are_not_believed() {
             bytes[at..at + 2].copy_from_slice(&[0xff, 0xff]);
             c3d(&bytes);
         }
+    }
+    for count in [2e8, 1e30, f32::INFINITY] {
+        c3d(&super::tests_of_tables::rotations_in_floats(8, count, 3.0));
+        c3d(&super::tests_of_tables::rotations_in_floats(8, 2.0, count));
     }
 }
 

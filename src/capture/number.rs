@@ -6,6 +6,9 @@ const EXACT: [f64; 23] = [
     1e22,
 ];
 
+/// Largest number of a frame, either way, that is one and not damage.
+pub(super) const LARGEST_FRAME: u64 = 1_000_000_000_000;
+
 /// The number that a word is: the `f64` nearest to it.
 ///
 /// Accepts what people's files hold: `.5`, `5.`, `+5`, `1e-05`, `1.5E+003`, a decimal comma, and the spellings of "not a number" and

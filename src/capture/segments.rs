@@ -46,9 +46,12 @@ fn drop_empty(take: &mut SkeletonTake) -> usize {
     if kept.len() == count {
         return 0;
     }
+    let mut number = vec![None; count];
+    kept.iter().enumerate().for_each(|(k, j)| number[*j] = Some(k));
     let mut up: Vec<Option<usize>> = take.joints.iter().map(|j| j.parent).collect();
     for joint in 0..count {
-        while let Some(parent) = up[joint].filter(|p| !kept.contains(p)) {
+        // Parents come before their children, so that a parent's own is settled already.
+        if let Some(parent) = up[joint].filter(|p| number[*p].is_none()) {
             up[joint] = up[parent];
         }
     }
@@ -59,7 +62,7 @@ fn drop_empty(take: &mut SkeletonTake) -> usize {
     take.origins.labels = kept.iter().map(|j| take.origins.labels[*j].clone()).collect();
     let joints = kept.iter().map(|j| {
         let mut joint = take.joints[*j].clone();
-        joint.parent = up[*j].and_then(|p| kept.iter().position(|k| *k == p));
+        joint.parent = up[*j].and_then(|p| number[p]);
         joint
     });
     take.joints = joints.collect();
@@ -84,4 +87,48 @@ fn trim(take: &mut SkeletonTake, first_frame: &mut i64, cleaning: &mut Cleaning,
     take.rotations.drain(..start * count);
     (cleaning.trimmed_start, cleaning.trimmed_end) = (start, frames - end);
     *first_frame += start as i64;
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::capture::{Joint, MarkerTake};
+    use glam::{DQuat, DVec3};
+
+    /// A chain of segments over two frames, of which those of `there` are there in the second.
+    fn chain(count: usize, there: impl Fn(usize) -> bool) -> SkeletonTake {
+        let joint = |n: usize| Joint {
+            name: format!("s{n}"),
+            parent: n.checked_sub(1),
+            rest: DVec3::NAN,
+            rest_turn: DQuat::IDENTITY,
+            end: false,
+        };
+        let joints: Vec<Joint> = (0..count).map(joint).collect();
+        let place = |n: usize| if there(n) { [n as f32; 3] } else { [f32::NAN; 3] };
+        let points = std::iter::repeat_n([f32::NAN; 3], count).chain((0..count).map(place)).collect();
+        let labels = joints.iter().map(|j| j.name.clone()).collect();
+        let rotations = vec![[0.0, 0.0, 0.0, 1.0]; 2 * count];
+        SkeletonTake {
+            joints,
+            origins: MarkerTake { labels, points, ..MarkerTake::default() },
+            rotations,
+            ..SkeletonTake::default()
+        }
+    }
+
+    #[test]
+    fn children_of_segments_that_are_never_there_hang_on_the_next_one_up() {
+        let mut take = chain(7, |n| [2, 5, 6].contains(&n));
+        assert_eq!(drop_empty(&mut take), 4);
+        let joints: Vec<_> = take.joints.iter().map(|j| (j.name.as_str(), j.parent)).collect();
+        assert_eq!(joints, [("s2", None), ("s5", Some(0)), ("s6", Some(1))]);
+        assert_eq!((take.origins.labels.join(" "), take.rotations.len()), ("s2 s5 s6".into(), 6));
+        assert_eq!(take.origins.points[3..], [[2.0; 3], [5.0; 3], [6.0; 3]]);
+        // As many as a file can name.
+        let mut take = chain(60_000, |n| n % 2 == 1 || n > 59_000);
+        assert_eq!(drop_empty(&mut take), 29_501);
+        assert_eq!(take.joints[30_498].parent, Some(30_497));
+    }
 }

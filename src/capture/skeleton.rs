@@ -1,6 +1,6 @@
 //! What the readers of skeletons have in common: the file that was read, unique names, the bound on memory, rest poses.
 
-use super::{Capture, Cleaning, MarkerTake, Motion, SkeletonTake, source};
+use super::{Capture, Cleaning, MarkerTake, Motion, Rest, SkeletonTake, source};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::space::{Space, Unit};
 use glam::{DMat3, DQuat, DVec3};
@@ -27,6 +27,17 @@ pub(super) struct SkeletonFile {
 }
 
 impl SkeletonFile {
+    /// Without a first frame that an exporter put before the motion as a pose at rest; the others keep their numbers.
+    pub(super) fn without_rest_row(mut self) -> Self {
+        let joints = self.take.joints.len();
+        if self.take.rest == Rest::FirstFrame && self.take.origins.frames() > 1 {
+            self.take.origins.points.drain(..joints);
+            self.take.rotations.drain(..joints);
+            self.first_frame += 1;
+        }
+        self
+    }
+
     /// The capture that the file is.
     pub(super) fn capture(self, path: &Path) -> Capture {
         Capture {
@@ -55,13 +66,7 @@ impl Frames {
     /// # Errors
     /// A take that is out of all proportion to the `bytes` of its file: few numbers move very many joints.
     pub(super) fn new(joints: usize, frames: usize, bytes: usize) -> Result<Self> {
-        let cells = joints.checked_mul(frames);
-        let needed = cells.and_then(|c| c.checked_mul(size_of::<[f32; 7]>())).unwrap_or(usize::MAX);
-        if needed > ALWAYS_ALLOWED.saturating_add(bytes.saturating_mul(LARGEST_RATIO)) {
-            return Err(Error::refused(format!("{frames} frames of {joints} joints in {bytes} bytes"))
-                .expected("a file in which most joints move by numbers of their own"));
-        }
-        let cells = cells.unwrap_or_default();
+        let cells = cells(joints, "joints", frames, bytes)?;
         Ok(Self { joints, points: Vec::with_capacity(cells), rotations: Vec::with_capacity(cells) })
     }
 
@@ -87,6 +92,20 @@ impl Frames {
             rotations: self.rotations,
         }
     }
+}
+
+/// The product of frames and joints, or of frames and whatever else is computed in every frame.
+///
+/// # Errors
+/// A take that is out of all proportion to the `bytes` of its file.
+pub(super) fn cells(count: usize, noun: &str, frames: usize, bytes: usize) -> Result<usize> {
+    let cells = count.checked_mul(frames);
+    let needed = cells.and_then(|c| c.checked_mul(size_of::<[f32; 7]>())).unwrap_or(usize::MAX);
+    if needed > ALWAYS_ALLOWED.saturating_add(bytes.saturating_mul(LARGEST_RATIO)) {
+        return Err(Error::refused(format!("{frames} frames of {count} {noun} in {bytes} bytes"))
+            .expected(format!("a file in which most {noun} move by numbers of their own")));
+    }
+    Ok(cells.unwrap_or_default())
 }
 
 /// The rate that a period in seconds means: its inverse, or the usual rate that the period is a rounding of. `decimals` are those

@@ -1,19 +1,12 @@
 //! The bytes of a capture file, unpacked.
 
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
+use crate::packing;
+pub(super) use crate::packing::GZIP;
 use flate2::bufread::MultiGzDecoder;
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
-
-/// Largest content in bytes.
-const LARGEST: u64 = u32::MAX as u64;
-/// Unpacked bytes per packed byte above which a gzip file is refused. Captures reach 3 to 30; deflate itself can reach 1030.
-const LARGEST_RATIO: u64 = 100;
-/// Unpacked bytes that are always allowed: a small file may well consist of repetitions.
-const ALWAYS_ALLOWED: u64 = 64 << 20;
-/// How a gzip file begins.
-pub(super) const GZIP: [u8; 2] = [0x1f, 0x8b];
 
 /// The first bytes of the content of `path`, unpacked where it is gzip; as many as can be read, at most `length`.
 ///
@@ -36,17 +29,7 @@ pub(super) fn head(path: &Path, length: u64) -> Result<Vec<u8>> {
 /// # Errors
 /// Unreadable, larger than 4 GiB, damaged gzip, or a gzip that unpacks to an absurd size.
 pub(super) fn load(path: &Path) -> Result<Vec<u8>> {
-    let unreadable = |e: std::io::Error| Error::unreadable(path, &e);
-    let file = File::open(path).map_err(unreadable)?;
-    let about = file.metadata().map_err(unreadable)?;
-    if about.is_dir() {
-        return Err(Error::new(Kind::Unreadable, "is a folder").file(path).expected("a capture file"));
-    }
-    let mut bytes = Vec::with_capacity(about.len().min(LARGEST) as usize);
-    file.take(LARGEST + 1).read_to_end(&mut bytes).map_err(unreadable)?;
-    if bytes.len() as u64 > LARGEST {
-        return Err(too_large().file(path));
-    }
+    let bytes = packing::load(path, "a capture file")?;
     if bytes.starts_with(&GZIP) { unpack(&bytes).map_err(|e| e.file(path)) } else { Ok(bytes) }
 }
 
@@ -73,29 +56,12 @@ pub(super) fn stem(path: &Path) -> String {
     if packed { stem(Path::new(&name)) } else { name }
 }
 
-fn too_large() -> Error {
-    Error::new(Kind::Unsupported, "more than 4 GiB of data").expected("at most 4 GiB")
-}
-
 /// The content of gzip data.
 ///
 /// # Errors
 /// Damaged data, or data that unpacks to an absurd size.
 pub(super) fn unpack(packed: &[u8]) -> Result<Vec<u8>> {
-    let allowed = (ALWAYS_ALLOWED + LARGEST_RATIO * packed.len() as u64).min(LARGEST);
-    let mut bytes = Vec::new();
-    let outcome = MultiGzDecoder::new(packed).take(allowed + 1).read_to_end(&mut bytes);
-    if bytes.len() as u64 > allowed {
-        if allowed == LARGEST {
-            return Err(too_large());
-        }
-        return Err(Error::refused(format!("gzip data of {} bytes unpacks to more than {allowed} bytes", packed.len()))
-            .expected(format!("a capture, which gzip seldom packs by more than 30 : 1 (limit {LARGEST_RATIO} : 1)"))
-            .hint("unpack it yourself if it really is a capture"));
-    }
-    outcome
-        .map_err(|e| Error::malformed(format!("damaged gzip data: {e}")).at(format!("after {} unpacked bytes", bytes.len())))?;
-    Ok(bytes)
+    packing::unpack(packed, "a capture")
 }
 
 #[cfg(test)]
@@ -108,15 +74,6 @@ mod tests {
         let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
         encoder.write_all(bytes).unwrap();
         encoder.finish().unwrap()
-    }
-
-    #[test]
-    fn a_gzip_bomb_is_refused_and_a_cut_one_is_an_error() {
-        let bomb = gzip(&vec![b' '; (ALWAYS_ALLOWED + (20 << 20)) as usize]);
-        assert_eq!(unpack(&bomb).unwrap_err().kind, Kind::Refused);
-        let packed = gzip(b"HIERARCHY\nROOT Hips\n{\n");
-        assert_eq!(unpack(&packed).unwrap(), b"HIERARCHY\nROOT Hips\n{\n");
-        assert_eq!(unpack(&packed[..packed.len() - 5]).unwrap_err().kind, Kind::Malformed);
     }
 
     #[test]

@@ -128,8 +128,7 @@ pub(super) fn value(cell: &str) -> Option<f64> {
 
 /// A whole number, also written as `7.0`; `None` for anything else.
 pub(super) fn whole(cell: &str) -> Option<i64> {
-    const MOST: f64 = 1e12;
-    value(cell).filter(|x| x.fract() == 0.0 && x.abs() <= MOST).map(|x| x as i64)
+    value(cell).filter(|x| x.fract() == 0.0 && x.abs() <= number::LARGEST_FRAME as f64).map(|x| x as i64)
 }
 
 /// Whether three coordinates are one of the marks that programs write for a missing point: zeros, nines, a huge number.

@@ -388,6 +388,16 @@ fn rotation_blocks_are_segments_with_turns() {
 
 /// A file of so many samples of two segments and no points, as a marker-less system writes it.
 pub(super) fn rotations(samples: u16) -> Vec<u8> {
+    rotations_of(samples, &[2, 0, 2, 0, 0], &[2, 0, 3, 0, 0])
+}
+
+/// The same where ROTATION:USED and ROTATION:DATA_START are these floats.
+pub(super) fn rotations_in_floats(samples: u16, used: f32, block: f32) -> Vec<u8> {
+    let [used, block] = [used, block].map(|x| [[4, 0].as_slice(), &x.to_le_bytes(), &[0]].concat());
+    rotations_of(samples, &used, &block)
+}
+
+fn rotations_of(samples: u16, used: &[u8], block: &[u8]) -> Vec<u8> {
     let mut bytes = vec![0u8; 1024];
     let mut word = |at: usize, value: u16| bytes[at..at + 2].copy_from_slice(&value.to_le_bytes());
     word(0, 0x5002);
@@ -405,8 +415,8 @@ pub(super) fn rotations(samples: u16) -> Vec<u8> {
         entry
     };
     section.extend(entry("ROTATION", -1, &[0]));
-    section.extend(entry("USED", 1, &[2, 0, 2, 0, 0]));
-    section.extend(entry("DATA_START", 1, &[2, 0, 3, 0, 0]));
+    section.extend(entry("USED", 1, used));
+    section.extend(entry("DATA_START", 1, block));
     section.extend(entry("RATE", 1, &[[4, 0].as_slice(), &50.0f32.to_le_bytes(), &[0]].concat()));
     section.extend(entry("LABELS", 1, &[[255, 2, 10, 2].as_slice(), b"pelvis_4X4worldbody ", &[0]].concat()));
     bytes[512..512 + section.len()].copy_from_slice(&section);
@@ -431,4 +441,28 @@ fn a_segment_marked_as_missing_is_a_gap() {
         let angle = DQuat::from_rotation_z(f64::from(k) * 0.1).angle_between(turn);
         assert!(if k == 3 { turn.x.is_nan() } else { angle < 1e-6 }, "{k}: {turn}");
     }
+}
+
+#[test]
+fn counts_of_segments_that_no_file_can_hold_are_not_believed() {
+    let read = |used, block| read_bytes(rotations_in_floats(8, used, block), Path::new("a.c3d"), &ReadOptions::default());
+    assert_eq!(read(2.0, 3.0).unwrap().motion.points().labels, ["pelvis"]);
+    // 68 bytes are a segment, 1,088 are there.
+    assert_eq!(read(16.0, 3.0).unwrap().motion.points().frames(), 1);
+    for (used, block) in [(17.0, 3.0), (1e30, 3.0), (2e8, 3.0), (70_000.0, 3.0), (2.5, 3.0), (-1.0, 3.0), (f32::NAN, 3.0)] {
+        assert!(read(used, block).unwrap_err().found.contains("no points"), "{used} from block {block}");
+    }
+    for block in [1e30, 1.0, 0.0, 2.5, 9000.0, f32::INFINITY] {
+        assert!(read(2.0, block).is_err(), "block {block}");
+    }
+}
+
+#[test]
+fn impossible_segments_beside_points_are_said_and_left_out() {
+    let mut bytes = rotations_in_floats(60, 1e30, 3.0);
+    // Two points per frame, over what were matrices.
+    bytes[2..4].copy_from_slice(&2u16.to_le_bytes());
+    let capture = read_bytes(bytes, Path::new("a.c3d"), &ReadOptions { as_found: true, ..ReadOptions::default() }).unwrap();
+    assert!(matches!(capture.motion, Motion::Markers(_)));
+    assert!(capture.notes.iter().any(|n| n.contains("no segments are read")), "{:?}", capture.notes);
 }

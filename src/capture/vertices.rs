@@ -1,9 +1,8 @@
 //! Numbered sequences of meshes with one connectivity: `cat_000001.obj`, `cat_000004.obj`, … → trajectories of vertices.
 
-use super::{Capture, Cleaning, MarkerTake, Motion, VertexTake, source};
+use super::{Capture, Cleaning, MarkerTake, Motion, VertexTake, number, source};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::scan::{self, Scan};
-use crate::space::Space;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -52,7 +51,7 @@ pub(super) fn read(path: &Path, rate: Option<f64>) -> Result<Capture> {
         name,
         rate: rate.unwrap_or(RATE),
         first_frame: numbers[0],
-        space: Space { ..first.space },
+        space: first.space,
         motion: Motion::Vertices(take),
         source: path.to_owned(),
         cleaning: Cleaning::default(),
@@ -80,7 +79,7 @@ fn siblings(path: &Path) -> Result<Vec<(i64, PathBuf)>> {
         let padded = |d: &str| d.starts_with('0') && d.len() > 1;
         let alike = d.len() == digits.len() || !padded(d) && !padded(digits);
         if h == head && t == tail && alike {
-            files.extend(d.parse().ok().map(|n| (n, entry.path())));
+            files.extend(d.parse().ok().filter(|n| *n <= number::LARGEST_FRAME as i64).map(|n| (n, entry.path())));
         }
     }
     files.sort();

@@ -325,7 +325,7 @@ pub(super) fn is_table(path: &Path) -> bool {
 fn read_captures(args: &Animate) -> Result<Captures> {
     let options = ReadOptions {
         subject: args.subject.clone(),
-        rate: Some(args.rate),
+        rate: args.rate,
         clip: args.clip.clone(),
         skeleton: args.skeleton.clone(),
         bodies: args.bodies,
@@ -334,7 +334,8 @@ fn read_captures(args: &Animate) -> Result<Captures> {
     let mut tables = Vec::new();
     let capture = if is_table(&args.capture) {
         let table = HandleTable::read(&args.capture)?;
-        let capture = table.empty_capture(args.rate);
+        let mut capture = table.empty_capture(args.rate.unwrap_or(HandleTable::RATE));
+        capture.notes.extend(capture::not_used(&args.capture, &options));
         tables.push(table);
         capture
     } else {
@@ -383,6 +384,8 @@ fn resample(args: &Animate, capture: &mut Capture, binding: &mut Binding, range:
 
 /// The static trial; one of a single person may not name the subject.
 fn read_reference(path: &Path, options: &ReadOptions) -> Result<Capture> {
+    // How fast it is plays no part, and clips are called as those of the capture.
+    let options = &ReadOptions { rate: None, clip: None, ..options.clone() };
     let mut capture = capture::read(path, options)
         .or_else(|e| if e.kind == Kind::Usage { capture::read(path, &ReadOptions::default()) } else { Err(e) })?;
     let mut notes = Notes::default();

@@ -37,7 +37,7 @@ pub enum Command {
 /// Arguments of `retarget inspect`.
 #[derive(Debug, Args)]
 pub struct Inspect {
-    /// Scans (OBJ, PLY, STL, OFF, glTF, GLB, also .gz and .zip), captures (C3D, TRC, CSV, BVH, ASF/AMC, glTF, FBX), outputs (GLB, PC2)
+    /// Scans (OBJ, PLY, STL, OFF, glTF, GLB, also .gz and .zip), captures (C3D, TRC, CSV, BVH, ASF/AMC, glTF, GLB, FBX), outputs (GLB, PC2)
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Print JSON, one object per file, for programs
@@ -46,6 +46,15 @@ pub struct Inspect {
     /// Draw bars without block characters
     #[arg(long)]
     pub ascii: bool,
+    /// Which animation, where a capture holds several (default: the longest)
+    #[arg(long, value_name = "NAME")]
+    pub clip: Option<String>,
+    /// The skeleton of an AMC capture (default: found beside it)
+    #[arg(long, value_name = "FILE.asf")]
+    pub skeleton: Option<PathBuf>,
+    /// Frames per second of a capture that does not say
+    #[arg(long, value_name = "HZ", value_parser = parse_positive)]
+    pub rate: Option<f64>,
 }
 
 /// Arguments of the main job.
@@ -53,7 +62,8 @@ pub struct Inspect {
 pub struct Animate {
     /// The mesh to animate: OBJ, PLY, STL, OFF, glTF or GLB (also .gz and .zip)
     pub scan: PathBuf,
-    /// The motion: markers in C3D, TRC or CSV, a skeleton in BVH or AMC (all also .gz), or a table of handles (see --handles) in a .csv file
+    /// The motion: markers in C3D, TRC or CSV; a skeleton in BVH, AMC, glTF, GLB or FBX (all also .gz); one of a sequence of meshes with running
+    /// numbers; or a table of handles (see --handles) in a .csv file
     pub capture: PathBuf,
     /// What to write; the extension is the format: .glb, .pc2, or .ply/.obj with a run of # for the frame number (repeatable)
     #[arg(short, long = "out", value_name = "FILE", required = true)]
@@ -90,12 +100,13 @@ pub struct Animate {
     /// first one, which keeps its number; --frames and --ref stay in the capture's own numbering
     #[arg(long, value_name = "N", value_parser = parse_rate, help_heading = "Time")]
     pub fps: Option<f64>,
-    /// Weaken motion of the markers faster than this, without a shift in time (6 to 12 Hz for a person; default: off)
+    /// Weaken motion of markers, joints or vertices faster than this, without a shift in time (6 to 12 Hz for a person; default: off)
     #[arg(long, value_name = "HZ", value_parser = parse_positive, help_heading = "Time")]
     pub smooth: Option<f64>,
-    /// Frames per second where the capture does not say: tables of handles, tables of markers without times, sequences of meshes
-    #[arg(long, hide_short_help = true, value_name = "HZ", default_value_t = 30.0, value_parser = parse_positive, help_heading = "Time")]
-    pub rate: f64,
+    /// Frames per second where the capture does not say. Without: 30 for tables of handles and sequences of meshes, 100 for tables of markers,
+    /// 120 for AMC
+    #[arg(long, hide_short_help = true, value_name = "HZ", value_parser = parse_positive, help_heading = "Time")]
+    pub rate: Option<f64>,
 
     /// How the capture is brought onto the scan
     #[arg(long, value_enum, default_value_t = Align::Auto, help_heading = "Placement")]
@@ -190,7 +201,7 @@ pub struct Animate {
 /// `--align`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Align {
-    /// similarity if the scan stands as the actor does in the reference frame, else pose
+    /// Markers: similarity if the scan stands as the actor does in the reference frame, else pose. Skeletons: their joints turn the parts of the scan
     Auto,
     /// The capture already is in the scan's space; only units are converted
     None,
@@ -302,6 +313,7 @@ mod tests {
         let animate = cli.animate.unwrap();
         assert_eq!(animate.out.len(), 2);
         assert_eq!(animate.frames, Some((-5, 20)));
+        assert_eq!(animate.rate, None, "what is usual differs from format to format");
         let cli = Cli::try_parse_from(["retarget", "inspect", "a.obj"]).unwrap();
         assert!(matches!(cli.command, Some(Command::Inspect(i)) if i.files.len() == 1));
         assert!(Cli::try_parse_from(["retarget", "a.obj", "b.c3d"]).is_err(), "an output is required");

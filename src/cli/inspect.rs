@@ -28,7 +28,7 @@ struct Found {
 pub(super) fn run(args: &Inspect, console: &Console) -> Result<()> {
     let mut failure = Ok(());
     for path in &args.files {
-        match look(path, args.ascii) {
+        match look(path, args) {
             Ok(found) => {
                 print(args, path, &found);
                 found.notes.iter().for_each(|text| console.warning(&format!("{}: {text}", path.display())));
@@ -53,26 +53,28 @@ fn print(args: &Inspect, path: &Path, found: &Found) {
     }
 }
 
-fn look(path: &Path, ascii: bool) -> Result<Found> {
+fn look(path: &Path, args: &Inspect) -> Result<Found> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let mut head = [0; 12];
     let mut file = File::open(path).map_err(|e| Error::unreadable(path, &e))?;
     let length = file.read(&mut head).map_err(|e| Error::unreadable(path, &e))?;
     match &head[..length] {
         b"POINTCACHE2\0" => cache(path),
-        [b'g', b'l', b'T', b'F', ..] => with_motion(mesh(path), path, ascii),
+        [b'g', b'l', b'T', b'F', ..] => with_motion(mesh(path), path, args),
         [b'P', b'K', 3, 4, ..] => mesh(path),
-        _ if [".gltf", ".glb"].iter().any(|e| name.trim_end_matches(".gz").ends_with(e)) => with_motion(mesh(path), path, ascii),
+        _ if [".gltf", ".glb"].iter().any(|e| name.trim_end_matches(".gz").ends_with(e)) => with_motion(mesh(path), path, args),
         _ if [".obj", ".ply", ".stl", ".off"].iter().any(|e| name.trim_end_matches(".gz").ends_with(e)) => mesh(path),
         _ if name.trim_end_matches(".gz").ends_with(".mesh") => proxy(path),
-        _ => takes::look(path, ascii),
+        _ => takes::look(path, args),
     }
 }
 
 /// Adds the animation of joints that a glTF file holds, if any, to what else is in it.
-fn with_motion(found: Result<Found>, path: &Path, ascii: bool) -> Result<Found> {
-    let (mut found, motion) = match (found, takes::look(path, ascii)) {
+fn with_motion(found: Result<Found>, path: &Path, args: &Inspect) -> Result<Found> {
+    let (mut found, motion) = match (found, takes::look(path, args)) {
         (Ok(found), Ok(motion)) => (found, motion),
+        // No clip of this name.
+        (_, Err(error)) if error.kind == Kind::Usage => return Err(error),
         (Ok(mut found), Err(error)) => {
             if error.kind == Kind::Malformed {
                 found.notes.warn(format!("its motion cannot be read: {}", error.found));

@@ -5,8 +5,9 @@
 
 use super::files::{Sequence, relative};
 use super::{Cancel, FrameBatch, FrameSink, Header, Needs, Written};
+use crate::beside::{folder_of, locate};
 use crate::error::{Notes, Result};
-use crate::scan::{Group, Image, Material, NONE, Scan, UnitBox, folder_of, locate, statements};
+use crate::scan::{Group, Image, Material, NONE, Scan, UnitBox, statements};
 use crate::surface::NormalVertices;
 use glam::Vec3;
 use rayon::prelude::*;

@@ -21,6 +21,28 @@ use container::Buffer;
 use std::path::Path;
 use std::sync::Arc;
 
+/// Extensions that a file may require: they change looks only, or are done where the file is read.
+pub(crate) const KNOWN: [&str; 18] = [
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+    "KHR_materials_unlit",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_clearcoat",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_sheen",
+    "KHR_materials_specular",
+    "KHR_materials_transmission",
+    "KHR_materials_variants",
+    "KHR_materials_volume",
+    "KHR_lights_punctual",
+    "KHR_texture_basisu",
+    "KHR_animation_pointer",
+    "EXT_texture_webp",
+    "EXT_texture_avif",
+    "VRMC_vrm",
+];
+
 /// Gives the bytes of a file that the document names by a relative path (already decoded); the error says why it cannot.
 pub(crate) type Files<'a> = dyn Fn(&str) -> Result<Vec<u8>> + 'a;
 
@@ -45,11 +67,11 @@ pub(crate) enum Picture {
 
 /// Files beside `path`, as documents name them.
 pub(crate) fn beside(path: &Path) -> impl Fn(&str) -> Result<Vec<u8>> {
-    let folder = crate::scan::folder_of(path).to_owned();
+    let folder = crate::beside::folder_of(path).to_owned();
     move |name| {
-        let file = crate::scan::locate(&folder, name)
+        let file = crate::beside::locate(&folder, name)
             .ok_or_else(|| Error::new(Kind::Unreadable, format!("'{name}', which the file needs, is missing")))?;
-        std::fs::read(&file).map_err(|e| Error::unreadable(&file, &e))
+        crate::beside::read(&file).map_err(|e| Error::unreadable(&file, &e))
     }
 }
 

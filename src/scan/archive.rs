@@ -11,8 +11,8 @@ use std::io::Read;
 use std::sync::Arc;
 
 /// Unpacked bytes per byte of the archive above which it is refused, and what is always allowed: as for gzip.
-const LARGEST_RATIO: u64 = super::source::LARGEST_RATIO;
-const ALWAYS_ALLOWED: u64 = super::source::ALWAYS_ALLOWED;
+const LARGEST_RATIO: u64 = crate::packing::LARGEST_RATIO;
+const ALWAYS_ALLOWED: u64 = crate::packing::ALWAYS_ALLOWED;
 
 /// Most files that are looked at; each is at least 46 bytes of directory.
 const MOST: usize = 1 << 16;

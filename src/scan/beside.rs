@@ -2,15 +2,11 @@
 
 use super::Image;
 use super::archive::{Archive, Entry};
-use super::mtl::{folder_of, locate};
+use crate::beside::{folder_of, locate, read};
 use crate::error::{Error, Kind, Result};
-use std::fs::{self, File};
-use std::io::Read;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
-
-/// Largest file in bytes that is read because a mesh names it.
-const LARGEST: u64 = 1 << 30;
 
 /// What lies beside a mesh.
 #[derive(Clone)]
@@ -94,15 +90,6 @@ fn entry<'a>(archive: &'a Archive, folder: &str, name: &str) -> Option<&'a Entry
 
 fn folder_in(name: &str) -> String {
     name.rsplit_once('/').map_or_else(String::new, |(folder, _)| folder.to_owned())
-}
-
-fn read(path: &Path) -> std::io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    File::open(path)?.take(LARGEST + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > LARGEST {
-        return Err(std::io::Error::other("larger than 1 GiB"));
-    }
-    Ok(bytes)
 }
 
 /// What a message calls a file inside an archive: `scan.zip/body.obj`.

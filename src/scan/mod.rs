@@ -31,7 +31,6 @@ use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-pub(crate) use mtl::{folder_of, locate};
 pub(crate) use remarks::statements;
 pub use triangulate::Triangles;
 

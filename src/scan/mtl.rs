@@ -6,36 +6,9 @@ use super::beside::Beside;
 use super::text::{Lines, Words, name, number};
 use super::{Image, Material};
 use crate::error::Notes;
-use std::fs;
-use std::path::{Path, PathBuf};
 
 /// Largest library in bytes that is read.
 const LARGEST: usize = 64 << 20;
-
-/// The folder of a file; `.` for a bare name.
-pub(crate) fn folder_of(path: &Path) -> &Path {
-    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
-}
-
-/// The file that a mesh or library in `folder` means by `file`: as written, else of that name in the folder itself, else the same in
-/// other letter case. Backslashes part folders too, since most such files come from Windows.
-pub(crate) fn locate(folder: &Path, file: &str) -> Option<PathBuf> {
-    let file = file.replace('\\', "/");
-    let direct = folder.join(&file);
-    let beside = folder.join(file.rsplit('/').next().unwrap_or(&file));
-    [&direct, &beside].into_iter().find(|p| p.is_file()).cloned().or_else(|| any_case(&direct)).or_else(|| any_case(&beside))
-}
-
-fn any_case(path: &Path) -> Option<PathBuf> {
-    let wanted = path.file_name()?.to_string_lossy().to_lowercase();
-    let mut found: Vec<PathBuf> = fs::read_dir(folder_of(path))
-        .ok()?
-        .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(|p| p.file_name().is_some_and(|n| n.to_string_lossy().to_lowercase() == wanted) && p.is_file())
-        .collect();
-    found.sort();
-    found.into_iter().next()
-}
 
 /// The material libraries that a mesh names.
 #[derive(Default)]
@@ -271,6 +244,8 @@ fn texture(mut words: Words<'_>) -> (Option<String>, bool) {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
+    use std::fs;
+    use std::path::Path;
 
     fn one(text: &str, folder: &Path) -> (Material, Notes) {
         let mut notes = Notes::default();

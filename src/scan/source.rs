@@ -3,9 +3,7 @@
 use super::archive::{Archive, is_archive};
 use super::beside::{Beside, inside};
 use crate::error::{Error, Kind, Result};
-use flate2::bufread::MultiGzDecoder;
-use std::fs::File;
-use std::io::Read;
+use crate::packing;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
@@ -37,36 +35,18 @@ pub(super) struct Content {
     pub(super) beside: Beside,
 }
 
-/// Largest content in bytes: corner and vertex numbers are 32-bit, and no format needs less than one byte for one.
-const LARGEST: u64 = u32::MAX as u64;
-
-/// Unpacked bytes per packed byte above which a gzip file is refused. Meshes reach 3 to 30; deflate itself can reach 1030.
-pub(super) const LARGEST_RATIO: u64 = 100;
-
-/// Unpacked bytes that are always allowed: a small file may well consist of repetitions.
-pub(super) const ALWAYS_ALLOWED: u64 = 64 << 20;
-
 /// The content of `path`; gzip and zip are recognised by their signatures and unpacked.
 ///
 /// Errors: unreadable, larger than 4 GiB, damaged, packed to an absurd ratio, or an archive that does not hold one mesh.
 pub(super) fn load(path: &Path) -> Result<Content> {
-    let unreadable = |e: std::io::Error| Error::unreadable(path, &e);
-    let file = File::open(path).map_err(unreadable)?;
-    if file.metadata().map_err(unreadable)?.is_dir() {
-        return Err(Error::new(Kind::Unreadable, "is a folder").file(path).expected(EXPECTED));
-    }
-    let mut bytes = Vec::new();
-    file.take(LARGEST + 1).read_to_end(&mut bytes).map_err(unreadable)?;
-    if bytes.len() as u64 > LARGEST {
-        return Err(too_large().file(path));
-    }
+    let bytes = packing::load(path, EXPECTED)?;
     unwrap_packing(bytes, path).map_err(|e| if e.file.is_none() { e.file(path) } else { e })
 }
 
 /// Takes gzip or zip away, once.
 pub(super) fn unwrap_packing(bytes: Vec<u8>, path: &Path) -> Result<Content> {
-    if bytes.starts_with(&[0x1f, 0x8b]) {
-        return Ok(Content { bytes: unpack(&bytes)?, name: path.to_owned(), beside: Beside::of(path) });
+    if bytes.starts_with(&packing::GZIP) {
+        return Ok(Content { bytes: packing::unpack(&bytes, "a mesh")?, name: path.to_owned(), beside: Beside::of(path) });
     }
     if !is_archive(&bytes) {
         return Ok(Content { bytes, name: path.to_owned(), beside: Beside::of(path) });
@@ -97,27 +77,6 @@ pub(super) fn unwrap_packing(bytes: Vec<u8>, path: &Path) -> Result<Content> {
     };
     let bytes = archive.unpack(entry)?;
     Ok(Content { bytes, name: inside(path, entry), beside: Beside::within(&archive, entry) })
-}
-
-fn too_large() -> Error {
-    Error::new(Kind::Unsupported, "more than 4 GiB of mesh data").expected("at most 4 GiB")
-}
-
-fn unpack(packed: &[u8]) -> Result<Vec<u8>> {
-    let allowed = (ALWAYS_ALLOWED + LARGEST_RATIO * packed.len() as u64).min(LARGEST);
-    let mut bytes = Vec::new();
-    let outcome = MultiGzDecoder::new(packed).take(allowed + 1).read_to_end(&mut bytes);
-    if bytes.len() as u64 > allowed {
-        if allowed == LARGEST {
-            return Err(too_large());
-        }
-        return Err(Error::refused(format!("gzip data of {} bytes unpacks to more than {allowed} bytes", packed.len()))
-            .expected(format!("a mesh, which gzip seldom packs by more than 30 : 1 (limit {LARGEST_RATIO} : 1)"))
-            .hint("unpack it yourself if it really is a mesh"));
-    }
-    outcome
-        .map_err(|e| Error::malformed(format!("damaged gzip data: {e}")).at(format!("after {} unpacked bytes", bytes.len())))?;
-    Ok(bytes)
 }
 
 /// The format of `bytes`: by signature first, then by the extension of `path` (without `.gz`), then by content.
@@ -182,29 +141,6 @@ fn looks_like_obj(bytes: &[u8]) -> bool {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use std::io::Write;
-
-    fn gzip(bytes: &[u8]) -> Vec<u8> {
-        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
-        encoder.write_all(bytes).unwrap();
-        encoder.finish().unwrap()
-    }
-
-    #[test]
-    fn a_gzip_bomb_is_refused_and_a_repetitive_mesh_is_not() {
-        let bomb = gzip(&vec![b' '; (ALWAYS_ALLOWED + (20 << 20)) as usize]);
-        assert_eq!(unpack(&bomb).unwrap_err().kind, Kind::Refused);
-        let small = vec![b' '; 1 << 20];
-        assert_eq!(unpack(&gzip(&small)).unwrap(), small);
-    }
-
-    #[test]
-    fn a_gzip_cut_short_is_an_error() {
-        let packed = gzip(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
-        assert!(unpack(&packed).is_ok());
-        assert_eq!(unpack(&packed[..packed.len() - 5]).unwrap_err().kind, Kind::Malformed);
-    }
-
     #[test]
     fn signature_beats_extension_beats_guess() {
         let kind = |name: &str, bytes: &[u8]| format(Path::new(name), bytes);

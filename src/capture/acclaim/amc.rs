@@ -51,6 +51,7 @@ pub(super) fn read(bytes: &[u8], bones: &[Bone]) -> Result<Amc> {
         }
         if line.words.len() == 1
             && let Some(frame) = std::str::from_utf8(line.words[0]).ok().and_then(|t| t.parse::<i64>().ok())
+            && frame.unsigned_abs() <= number::LARGEST_FRAME
         {
             amc.frames.push((frame, amc.entries.len()));
             continue;

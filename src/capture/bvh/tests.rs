@@ -4,6 +4,7 @@
 use super::*;
 use crate::capture::{self, Capture, Motion, ReadOptions, SkeletonTake, tests::real};
 use crate::error::{Error, Kind};
+use std::path::Path;
 
 const SMALL: &str = "HIERARCHY\nROOT Hips\n{\n\tOFFSET 0.0 0.0 0.0\n\tCHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation\n\
     \tJOINT Chest\n\t{\n\t\tOFFSET 0.0 10.0 0.0\n\t\tCHANNELS 3 Zrotation Xrotation Yrotation\n\t\tEnd Site\n\t\t{\n\t\t\tOFFSET 0.0 5.0 0.5\n\t\t}\n\t}\n\
@@ -66,6 +67,27 @@ fn a_small_file_means_what_the_mathematics_says() {
         assert!((DQuat::from_array(q).dot(leg).abs() - 1.0).abs() < 1e-6, "joint {joint}");
     }
     assert_eq!(said(&file), "row 1 is a rest pose that was put before the motion: the motion begins with row 2");
+}
+
+#[test]
+fn a_rest_pose_before_the_motion_is_no_frame_of_it() {
+    let read = |as_found| {
+        let options = ReadOptions { as_found, ..ReadOptions::default() };
+        capture::read_bytes(SMALL.into(), Path::new("a.bvh"), &options).unwrap()
+    };
+    let (all, motion) = (read(true), read(false));
+    let (whole, take) = (skeleton(&all), skeleton(&motion));
+    let joints = take.joints.len();
+    assert_eq!((all.first_frame, whole.origins.frames()), (1, 3));
+    assert_eq!((motion.first_frame, take.origins.frames()), (2, 2));
+    assert_eq!(take.origins.points, whole.origins.points[joints..]);
+    assert_eq!(take.rotations, whole.rotations[joints..]);
+    assert_eq!((take.rest, &take.joints), (Rest::FirstFrame, &whole.joints));
+    // Where nothing comes before the motion, all rows are of it.
+    let rows: Vec<&str> = SMALL.lines().collect();
+    let without = [&rows[..rows.len() - 3], &rows[rows.len() - 2..]].concat().join("\n");
+    let capture = capture::read_bytes(without.into(), Path::new("a.bvh"), &ReadOptions::default()).unwrap();
+    assert_eq!((capture.first_frame, skeleton(&capture).rest), (1, Rest::Hierarchy));
 }
 
 #[test]
@@ -322,7 +344,7 @@ fn real_files_have_the_places_that_other_readers_found() {
     ];
     for (file, joint, row, place) in cases {
         let Some(path) = real(&format!("bvh/{file}")) else { continue };
-        let capture = capture::read(&path, &ReadOptions::default()).unwrap();
+        let capture = capture::read(&path, &ReadOptions { as_found: true, ..ReadOptions::default() }).unwrap();
         let found = at(skeleton(&capture), joint, *row);
         assert!(near(found, *place, 1.1e-4), "{file} {joint} {row}: {found:?}");
     }
@@ -361,7 +383,9 @@ fn real_files_have_their_counts() {
         let Some(path) = real(&format!("bvh/{file}")) else { continue };
         let capture = capture::read(&path, &ReadOptions::default()).unwrap();
         let take = skeleton(&capture);
-        let found = (take.joints.iter().filter(|j| !j.end).count(), take.origins.frames(), capture.rate, take.rest);
+        // Frames keep the numbers of their rows; one at rest before the motion is none of it.
+        let last = capture.first_frame as usize + take.origins.frames() - 1;
+        let found = (take.joints.iter().filter(|j| !j.end).count(), last, capture.rate, take.rest);
         assert_eq!(found, (*joints, *frames, *rate, *rest), "{file}");
         let said: Vec<&str> = capture.notes.iter().collect();
         let expected = match *file {
@@ -375,7 +399,8 @@ fn real_files_have_their_counts() {
             _ => "",
         };
         assert_eq!(said.join("|"), expected, "{file}");
-        assert_eq!((capture.space, capture.first_frame), (Space::default(), 1));
+        let first = if *rest == Rest::FirstFrame { 2 } else { 1 };
+        assert_eq!((capture.space, capture.first_frame), (Space::default(), first));
     }
 }
 

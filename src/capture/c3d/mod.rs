@@ -86,7 +86,7 @@ impl<R: Read + Seek> C3d<R> {
             None => Vec::new(),
         };
         let parameters = Parameters::parse(&section, processor);
-        let rotations = Rotations::of(&header, &parameters, processor);
+        let rotations = Rotations::of(&parameters, processor, length, &mut notes);
         if rotations.is_none() {
             check_points(&header)?;
         }
@@ -150,7 +150,7 @@ impl<R: Read + Seek> C3d<R> {
         let samples = rotations.samples(self.frames as u64, self.length, &mut self.notes);
         self.source.seek(SeekFrom::Start(rotations.start)).map_err(cannot_read)?;
         let take = rotations.read(&mut self.source, samples, &mut self.notes).map_err(cannot_read)?;
-        Ok(Some((take, rotations.rate)))
+        Ok(Some((take, rotations.rate(self.rate))))
     }
 
     /// Positions of the given points in every frame: frame-major, `frames × columns`, in the file's unit; missing ones are NaN.
@@ -234,7 +234,7 @@ fn data_start(
         block => block.into(),
     };
     match (block, section_start) {
-        (2.., _) => Ok((block - 1) * BLOCK),
+        (2.., _) => Ok((block - 1).saturating_mul(BLOCK)),
         // Two bytes before the walked entries hold the number of blocks; `section` begins behind it.
         (_, Some(start)) if !section.is_empty() => {
             notes.warn("the file does not say where its data begin: taken as behind the parameters");

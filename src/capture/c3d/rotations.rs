@@ -3,7 +3,7 @@
 //! Beside the points and in a section of their own, one 4 × 4 matrix per segment and sample, column by column, followed by a fourth-word-like
 //! value that is negative where the segment is missing. Source: C3D file format extension of Theia and HAS-Motion, group ROTATION.
 
-use super::header::{BLOCK, Header, Processor};
+use super::header::{BLOCK, Processor};
 use super::parameters::Parameters;
 use crate::capture::{Joint, MarkerTake, SkeletonTake};
 use crate::error::Notes;
@@ -12,6 +12,10 @@ use std::io::{self, Read};
 
 /// Floats of one segment: the matrix and its reliability.
 const FLOATS: usize = 17;
+/// Bytes of one segment.
+const SEGMENT: u64 = FLOATS as u64 * 4;
+/// Segments per sample, and samples per frame, at most: what a word of the header can count.
+const MOST: u64 = u16::MAX as u64;
 /// How far a matrix may be from a turn.
 const SLACK: f64 = 0.01;
 
@@ -23,29 +27,42 @@ pub(super) struct Rotations {
     count: usize,
     /// First byte.
     pub(super) start: u64,
-    /// Samples per second.
-    pub(super) rate: f64,
+    /// Samples per second, where the file says so.
+    rate: Option<f64>,
     /// Samples per frame of the points.
     ratio: usize,
     processor: Processor,
 }
 
 impl Rotations {
-    /// What the parameters say of rotations; `None` where there are none.
-    pub(super) fn of(header: &Header, parameters: &Parameters<'_>, processor: Processor) -> Option<Self> {
-        let count = parameters.number("ROTATION", "USED").filter(|n| *n > 0.0)? as usize;
-        let block = parameters.number("ROTATION", "DATA_START").filter(|b| *b >= 2.0)? as u64;
-        let ratio = parameters.number("ROTATION", "RATIO").filter(|r| *r >= 1.0).unwrap_or(1.0) as usize;
+    /// What the parameters say of rotations; `None` where there are none, or more than a file of this length can hold.
+    pub(super) fn of(parameters: &Parameters<'_>, processor: Processor, length: u64, notes: &mut Notes) -> Option<Self> {
+        let used = parameters.number("ROTATION", "USED").filter(|n| *n != 0.0)?;
+        let block = parameters.number("ROTATION", "DATA_START").unwrap_or_default();
+        let start = whole(block, 2, u32::MAX.into()).and_then(|b| (b - 1).checked_mul(BLOCK));
+        let count = whole(used, 1, MOST);
+        let held = |(count, start): &(u64, u64)| count * SEGMENT <= length.saturating_sub(*start);
+        let Some((count, start)) = count.zip(start).filter(held) else {
+            notes.warn(format!(
+                "ROTATION:USED {used} from block {block} on is not in a file of {length} bytes: no segments are read"
+            ));
+            return None;
+        };
+        let ratio = parameters.number("ROTATION", "RATIO").and_then(|r| whole(r, 1, MOST)).unwrap_or(1);
         let usable = |r: &f64| r.is_finite() && *r > 0.0 && *r < 1e6;
         let rate = parameters.number("ROTATION", "RATE").filter(usable);
-        let rate = rate.unwrap_or(f64::from(header.rate) * ratio as f64);
         let mut labels = parameters.long_texts("ROTATION", "LABELS");
-        labels.resize(count, String::new());
+        labels.resize(count as usize, String::new());
         for (n, label) in labels.iter_mut().enumerate() {
             let bare = label.strip_suffix("_4X4").or_else(|| label.strip_suffix("_4x4")).unwrap_or(label);
             *label = if bare.is_empty() { format!("segment {}", n + 1) } else { bare.to_owned() };
         }
-        Some(Self { labels, count, start: (block - 1) * BLOCK, rate, ratio, processor })
+        Some(Self { labels, count: count as usize, start, rate, ratio: ratio as usize, processor })
+    }
+
+    /// Samples per second, beside points at this rate.
+    pub(super) fn rate(&self, points: f64) -> f64 {
+        self.rate.unwrap_or(points * self.ratio as f64)
     }
 
     /// Whole frames of the points that a file of this length has rotations for.
@@ -54,7 +71,7 @@ impl Rotations {
     }
 
     fn sample_bytes(&self) -> u64 {
-        (self.count * FLOATS * 4) as u64
+        self.count as u64 * SEGMENT
     }
 
     /// Samples for so many frames, as far as the file has them.
@@ -108,6 +125,11 @@ impl Rotations {
         }
         Ok(take)
     }
+}
+
+/// A count that may be written as a float.
+fn whole(value: f64, least: u64, most: u64) -> Option<u64> {
+    (value.fract() == 0.0 && (least as f64..=most as f64).contains(&value)).then_some(value as u64)
 }
 
 fn segment(name: &str) -> Joint {

@@ -69,7 +69,7 @@ pub(super) fn read(bytes: &[u8], clip: Option<&str>) -> Result<SkeletonFile> {
     let take = frames.take(joints, rest);
     let space = space(&scene, &take, &mut notes);
     let name = stack.filter(|_| clips.len() > 1).map(|(_, n)| clips[n].name.clone()).filter(|n| !n.is_empty());
-    Ok(SkeletonFile { take, rate, first_frame: times.first_frame(), space, name, notes })
+    Ok(SkeletonFile { take, rate, first_frame: times.first_frame()?, space, name, notes })
 }
 
 fn broken(error: &ufbx::Error) -> Error {

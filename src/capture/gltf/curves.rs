@@ -136,6 +136,11 @@ impl Curves {
         sets.into_values().flatten().copied().collect()
     }
 
+    /// Whether a node moves under its parent.
+    pub(super) fn moves(&self, node: u32) -> bool {
+        self.nodes.contains_key(&node)
+    }
+
     /// The placement of a node under its parent at a time; `rest` is what it has without the animation.
     pub(super) fn turn(&self, node: u32, time: f64, rest: Turn) -> Turn {
         let Some(curves) = self.nodes.get(&node) else { return rest };

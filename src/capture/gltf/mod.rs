@@ -14,13 +14,22 @@ use crate::space::{Axis, Evidence, Known, Space, Unit};
 use curves::{Accessors, Curves};
 use glam::{DAffine3, DMat4};
 
+/// Extensions that pack or repeat meshes. Those that pack animations as well are told where data are missing.
+const MESHES_ONLY: [&str; 5] = [
+    "KHR_draco_mesh_compression",
+    "EXT_meshopt_compression",
+    "KHR_meshopt_compression",
+    "MESHOPT_compression",
+    "EXT_mesh_gpu_instancing",
+];
+
 /// Reads a file; `clip` names the animation.
 ///
 /// # Errors
 /// Broken files; files without an animation of joints; no clip of this name.
 pub(super) fn read(bytes: &[u8], files: &Files<'_>, clip: Option<&str>) -> Result<SkeletonFile> {
     let gltf = gltf::parse(bytes, files)?;
-    gltf.require_only(&["KHR_mesh_quantization", "KHR_texture_transform", "KHR_materials_unlit"])?;
+    gltf.require_only(&[&gltf::KNOWN[..], &MESHES_ONLY[..]].concat())?;
     let tree = gltf.hierarchy()?;
     let mut notes = Notes::default();
     if let Some(text) = gltf.cut_short() {
@@ -40,8 +49,17 @@ pub(super) fn read(bytes: &[u8], files: &Files<'_>, clip: Option<&str>) -> Resul
     let times = Times::of_keys(curves.keys()).ok_or_else(|| skeleton::no_frames("the animation has no keys"))?;
 
     let (joints, rest) = joints(&mut accessors, &gltf, &tree, &nodes)?;
-    let mut frames = Frames::new(nodes.len(), times.count, bytes.len().saturating_add(gltf.bytes()))?;
+    let size = bytes.len().saturating_add(gltf.bytes());
+    let mut frames = Frames::new(nodes.len(), times.count, size)?;
     let mut worlds = vec![DAffine3::IDENTITY; gltf.document.nodes.len()];
+    // What stands still is placed once; what moves is work in every frame, whether it is a joint or not.
+    stand(&gltf, &tree, &order, &curves, times.at(0), &mut worlds);
+    let mut moves = vec![false; gltf.document.nodes.len()];
+    for &n in &order {
+        moves[n as usize] = curves.moves(n) || tree.parents[n as usize].is_some_and(|p| moves[p as usize]);
+    }
+    let order: Vec<u32> = order.into_iter().filter(|&n| moves[n as usize]).collect();
+    skeleton::cells(order.len(), "nodes", times.count, size)?;
     for frame in 0..times.count {
         let time = times.at(frame);
         stand(&gltf, &tree, &order, &curves, time, &mut worlds);
@@ -53,7 +71,7 @@ pub(super) fn read(bytes: &[u8], files: &Files<'_>, clip: Option<&str>) -> Resul
     let take = frames.take(joints, rest);
     let space = space(&take, &mut notes);
     let name = (clips.len() > 1 && !clips[chosen].name.is_empty()).then(|| clips[chosen].name.clone());
-    Ok(SkeletonFile { take, rate: times.rate, first_frame: times.first_frame(), space, name, notes })
+    Ok(SkeletonFile { take, rate: times.rate, first_frame: times.first_frame()?, space, name, notes })
 }
 
 /// Places the nodes of `order` in the world as they are at a time.

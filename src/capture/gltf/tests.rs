@@ -74,6 +74,57 @@ fn joints_are_found_without_skin_and_rest_without_bind_matrices() {
     assert!(large.space.unit.is_none() && said(&large.notes).contains("the unit is left open"), "{}", said(&large.notes));
 }
 
+/// A chain of nodes, of which only the last is a joint; node `moved` goes by three keys at uneven times.
+fn chain(nodes: usize, moved: usize) -> Vec<u8> {
+    let numbers = [0.0f32, 0.004, 40.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 2.0, 0.0, 0.0];
+    let binary: Vec<u8> = numbers.iter().flat_map(|x| x.to_le_bytes()).collect();
+    let node = |n: usize| if n + 1 < nodes { serde_json::json!({ "children": [n + 1] }) } else { serde_json::json!({}) };
+    let document = serde_json::json!({
+        "asset": { "version": "2.0" },
+        "nodes": (0..nodes).map(node).collect::<Vec<_>>(),
+        "skins": [{ "joints": [nodes - 1] }],
+        "animations": [{
+            "channels": [{ "sampler": 0, "target": { "node": moved, "path": "translation" } }],
+            "samplers": [{ "input": 0, "output": 1 }],
+        }],
+        "accessors": [
+            { "bufferView": 0, "componentType": 5126, "count": 3, "type": "SCALAR" },
+            { "bufferView": 1, "componentType": 5126, "count": 3, "type": "VEC3" },
+        ],
+        "bufferViews": [{ "buffer": 0, "byteLength": 12 }, { "buffer": 0, "byteOffset": 12, "byteLength": 36 }],
+        "buffers": [{ "byteLength": binary.len() }],
+    });
+    crate::gltf::tests::glb(&document, &binary)
+}
+
+#[test]
+fn nodes_above_the_joints_are_work_in_every_frame_only_if_they_move() {
+    let deep = parse(&chain(60_000, 59_999), None).unwrap();
+    assert_eq!(deep.take.origins.frames(), 9601);
+    assert!(at(&deep.take, "node 59999", 9600).distance(DVec3::X * 2.0) < 1e-6);
+    let error = parse(&chain(60_000, 0), None).unwrap_err();
+    assert!(error.kind == Kind::Refused && error.found.contains("9601 frames of 60000 nodes"), "{error:?}");
+    let file = parse(&chain(5, 2), None).unwrap();
+    assert!(at(&file.take, "node 4", 9600).distance(DVec3::X * 2.0) < 1e-6);
+}
+
+#[test]
+fn extensions_that_only_meshes_and_looks_need_do_not_matter() {
+    let with = |name: &str| parse(&changed(|d| d["extensionsRequired"] = serde_json::json!([name])), None);
+    for name in ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_materials_variants", "VRMC_vrm"] {
+        assert_eq!(with(name).unwrap().take.origins.frames(), 3, "{name}");
+    }
+    assert!(with("EXT_of_the_moon").unwrap_err().found.contains("EXT_of_the_moon"));
+    // Packed keys cannot be had.
+    let packed = changed(|d| {
+        d["buffers"].as_array_mut().unwrap().push(serde_json::json!({ "byteLength": 12 }));
+        d["bufferViews"][0] =
+            serde_json::json!({ "buffer": 1, "byteLength": 12, "extensions": { "EXT_meshopt_compression": { "buffer": 0 } } });
+        d["extensionsRequired"] = serde_json::json!(["EXT_meshopt_compression"]);
+    });
+    assert!(parse(&packed, None).unwrap_err().found.contains("meshopt"));
+}
+
 #[test]
 fn defects_are_told() {
     let error = |change: &dyn Fn(&mut serde_json::Value)| parse(&changed(change), None).unwrap_err().to_string();

@@ -3,6 +3,7 @@
 use super::{Found, triple};
 use crate::binding;
 use crate::capture::{self, Capture, MarkerTake, Motion, ReadOptions, Rest, SkeletonTake};
+use crate::cli::args::Inspect;
 use crate::error::Result;
 use crate::space::Known;
 use crate::words;
@@ -16,10 +17,12 @@ const BAR: usize = 40;
 /// Columns that a list of names may fill.
 const WIDTH: usize = 100;
 
-/// Looks into a capture; `ascii` draws bars without block characters.
-pub(super) fn look(path: &Path, ascii: bool) -> Result<Found> {
-    let found = capture::read(path, &ReadOptions { as_found: true, ..ReadOptions::default() })?;
-    let clean = capture::read(path, &ReadOptions::default())?;
+/// Looks into a capture.
+pub(super) fn look(path: &Path, args: &Inspect) -> Result<Found> {
+    let options =
+        ReadOptions { clip: args.clip.clone(), skeleton: args.skeleton.clone(), rate: args.rate, ..ReadOptions::default() };
+    let found = capture::read(path, &ReadOptions { as_found: true, ..options.clone() })?;
+    let clean = capture::read(path, &options)?;
     let actor = match clean.motion {
         Motion::Markers(_) => Some(binding::actor_space(&clean)),
         _ => None,
@@ -63,7 +66,7 @@ pub(super) fn look(path: &Path, ascii: bool) -> Result<Found> {
         _ => None,
     };
     lines.extend(skeleton.into_iter().flat_map(bone_lines));
-    lines.extend(gap_lines(&found, &gaps, missing, ascii));
+    lines.extend(gap_lines(&found, &gaps, missing, args.ascii));
 
     let per_marker = gaps.iter().zip(&take.labels).map(|(gap, name)| {
         json!({

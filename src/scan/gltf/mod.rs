@@ -14,28 +14,6 @@ use looks::Looks;
 use place::{Place, Skins};
 use std::path::Path;
 
-/// Extensions that a file may require: they change looks only, or are done here.
-const KNOWN: [&str; 18] = [
-    "KHR_mesh_quantization",
-    "KHR_texture_transform",
-    "KHR_materials_unlit",
-    "KHR_materials_pbrSpecularGlossiness",
-    "KHR_materials_clearcoat",
-    "KHR_materials_emissive_strength",
-    "KHR_materials_ior",
-    "KHR_materials_sheen",
-    "KHR_materials_specular",
-    "KHR_materials_transmission",
-    "KHR_materials_variants",
-    "KHR_materials_volume",
-    "KHR_lights_punctual",
-    "KHR_texture_basisu",
-    "KHR_animation_pointer",
-    "EXT_texture_webp",
-    "EXT_texture_avif",
-    "VRMC_vrm",
-];
-
 /// Vertices per byte of file above which a file is refused that shows its meshes again and again, and what is always allowed.
 const LARGEST_RATIO: usize = 20;
 const ALWAYS_ALLOWED: usize = 4 << 20;
@@ -55,7 +33,7 @@ fn parse(bytes: &[u8], beside: &Beside) -> Result<Scan> {
     let gltf = gltf::parse(bytes, &|name| beside.needed(name))?;
     // Packed geometry says more below, where it is met.
     let packed = ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"];
-    gltf.require_only(&[&KNOWN[..], &packed[..]].concat())?;
+    gltf.require_only(&[&gltf::KNOWN[..], &packed[..]].concat())?;
     let hierarchy = gltf.hierarchy()?;
     let most = ALWAYS_ALLOWED.max(LARGEST_RATIO.saturating_mul(bytes.len()));
     let mut scene = Scene {
