@@ -256,7 +256,7 @@ impl<'a> Subject<'a> {
     }
 
     fn near(&self, selector: &Selector, names: &[String]) -> Result<Vec<u32>> {
-        let points = self.binding.handles.iter().map(|h| (h.label.as_str(), h.attachment));
+        let points = self.binding.handles.iter().map(|h| (h.known_as(), h.attachment));
         let turning = self.binding.turning.handles.iter().map(|h| (h.name.as_str(), h.rest));
         let (known, places): (Vec<&str>, Vec<DVec3>) = points.chain(turning).unzip();
         for name in names {
