@@ -261,7 +261,9 @@ impl<'a> Subject<'a> {
         let (known, places): (Vec<&str>, Vec<DVec3>) = points.chain(turning).unzip();
         for name in names {
             if !known.iter().any(|label| label.eq_ignore_ascii_case(name)) {
-                return Err(self.unknown(selector, &format!("there is no handle {name}"), name, &known, "near:"));
+                let mut once = known.clone();
+                once.dedup();
+                return Err(self.unknown(selector, &format!("there is no handle {name}"), name, &once, "near:"));
             }
         }
         let chosen: Vec<bool> = known.iter().map(|label| names.iter().any(|n| label.eq_ignore_ascii_case(n))).collect();
