@@ -65,8 +65,7 @@ pub fn bind(
         return Err(Error::refused("there is no marker to bind").file(&capture.source));
     }
     if let Motion::Skeleton(joints) = &capture.motion
-        && (options.align == Align::None || body.is_err() && options.align == Align::Auto)
-        && let Some(bound) = skeletons::bind_own(scan, body.as_ref().ok(), capture, joints, options)
+        && let Some(bound) = skeletons::bind_own(scan, body.as_ref().ok(), capture, joints, reference, options)
     {
         return bound;
     }
@@ -85,6 +84,7 @@ pub fn bind(
         Err(reason) => {
             if options.align == Align::Auto
                 && options.reference == Reference::Auto
+                && !matches!(capture.motion, Motion::Skeleton(_))
                 && let Some(found) = raw::lies_on(scan, &take, None, options)
             {
                 return raw::bind_found(scan, None, &take, found, options);

@@ -5,6 +5,9 @@ use crate::space::{Axis, Known, Unit};
 use crate::words;
 use glam::DVec3;
 
+/// What the moving points of a skeleton are called.
+const JOINT: &str = "joint";
+
 /// The decisions of a binding.
 #[derive(Clone, Debug)]
 pub struct Decisions {
@@ -91,26 +94,41 @@ impl Decisions {
         if let (Some(height), Some(unit)) = (self.actor_height, self.capture_unit) {
             words.push(format!("actor {:.2} m", height * unit.value.metres()));
         }
-        if self.named > 0 {
+        // Of joints the line about the binding says it.
+        if self.named > 0 && self.noun != JOINT {
             let set = self.set.map_or(String::new(), |set| format!(" ({set})"));
             words.push(format!("{} of {} named{set}", self.named, words::plural(self.markers, self.noun)));
         }
         words.join(" · ")
     }
 
+    /// How the joints were told.
+    fn joint_words(&self) -> String {
+        let joints = words::plural(self.markers, self.noun);
+        match (self.align, self.named) {
+            (Align::None, _) => format!("{joints} as they lie"),
+            (_, 0) => format!("{joints} told by their form"),
+            (_, named) => format!("{named} of {joints} named{}", self.set.map_or(String::new(), |set| format!(" ({set})"))),
+        }
+    }
+
     /// The line about the binding itself.
     pub fn bind_line(&self) -> String {
         let (first, last) = self.reference_range;
         let of = self.reference_capture.as_ref().map_or(String::new(), |name| format!(" of {name}"));
-        let reference = if self.reference_rest { "reference the file's rest, placed in frame" } else { "reference frame" };
+        let frame = format!("{}{of} ({first}\u{2013}{last})", self.reference_frame);
         let mut words = vec![
             format!("{}{}", self.align, if self.on_skin { " by the skin" } else { "" }),
-            format!("{reference} {}{of} ({first}\u{2013}{last})", self.reference_frame),
+            match (self.reference_rest, self.align) {
+                (true, Align::None) => "reference the file's rest".to_owned(),
+                (true, _) => format!("reference the file's rest, placed in frame {frame}"),
+                (false, _) => format!("reference frame {frame}"),
+            },
             format!("scale {:.3}", self.scale),
             format!("yaw {:.0}°", self.yaw.round() + 0.0),
         ];
         let mut bound = match self.align {
-            _ if self.noun == "joint" => format!("{} by {} points", words::plural(self.markers, self.noun), self.bound),
+            _ if self.noun == JOINT => format!("{} \u{b7} {} points hold the body", self.joint_words(), self.bound),
             _ => format!("{} of {} bound", self.bound, words::plural(self.markers, self.noun)),
         };
         if let Some((median, worst, label)) = &self.off_surface {

@@ -144,10 +144,13 @@ pub fn add_handles(
     holds: &[Hold],
 ) -> Result<()> {
     let mut notes = Notes::default();
+    let noun = capture.motion.noun();
     let take = binding.trajectories.as_mut().unwrap_or_else(|| capture.motion.points_mut());
-    let twice = |name: &&String| take.labels.contains(name) || binding.turning.handles.iter().any(|h| h.name == **name);
+    let known = |name: &str| binding.handles.iter().any(|h| h.known_as() == name);
+    let twice =
+        |name: &&String| take.labels.contains(name) || known(name) || binding.turning.handles.iter().any(|h| h.name == **name);
     if let Some(name) = table.names.iter().find(twice) {
-        return Err(Error::new(Kind::Usage, format!("handle {name} has the name of a marker or of another handle"))
+        return Err(Error::new(Kind::Usage, format!("handle {name} has the name of a {noun} or of another handle"))
             .file(&table.source)
             .expected("names that the capture does not have"));
     }

@@ -138,6 +138,21 @@ pub struct BoundMarker {
     pub beta: f64,
 }
 
+/// Between the name of a joint and that of a point which moves with it; no name of a user has it.
+const OF_JOINT: &str = " \u{203a} ";
+
+impl BoundMarker {
+    /// Label of a point that moves with a joint.
+    fn held_by(joint: &str, point: &str) -> String {
+        format!("{joint}{OF_JOINT}{point}")
+    }
+
+    /// The name by which the user knows it: the joint that it moves with, or its label.
+    pub fn known_as(&self) -> &str {
+        self.label.rsplit_once(OF_JOINT).map_or(&self.label, |(joint, _)| joint)
+    }
+}
+
 /// A segment of the scan at rest, for rigid groups, stiffness and names.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SegmentPlace {

@@ -256,12 +256,14 @@ impl<'a> Subject<'a> {
     }
 
     fn near(&self, selector: &Selector, names: &[String]) -> Result<Vec<u32>> {
-        let points = self.binding.handles.iter().map(|h| (h.label.as_str(), h.attachment));
+        let points = self.binding.handles.iter().map(|h| (h.known_as(), h.attachment));
         let turning = self.binding.turning.handles.iter().map(|h| (h.name.as_str(), h.rest));
         let (known, places): (Vec<&str>, Vec<DVec3>) = points.chain(turning).unzip();
         for name in names {
             if !known.iter().any(|label| label.eq_ignore_ascii_case(name)) {
-                return Err(self.unknown(selector, &format!("there is no handle {name}"), name, &known, "near:"));
+                let mut once = known.clone();
+                once.dedup();
+                return Err(self.unknown(selector, &format!("there is no handle {name}"), name, &once, "near:"));
             }
         }
         let chosen: Vec<bool> = known.iter().map(|label| names.iter().any(|n| label.eq_ignore_ascii_case(n))).collect();

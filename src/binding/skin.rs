@@ -49,14 +49,17 @@ pub(super) fn settle(
 
 /// Gauss–Newton on the signed distances; gives the distances from the shell in statures.
 fn onto_skin(points: &[DVec3], start: Upright, body: &Skeleton, tree: &TriangleTree) -> Option<(Similarity, f64, Vec<f64>)> {
+    // Turned and scaled about the markers: takes may lie far from their origin.
+    let centre = points.iter().sum::<DVec3>() / points.len() as f64;
     let (mut placement, mut yaw, mut shell) = (start.placement, start.yaw, 0.0_f64);
+    placement.translation = placement.apply(centre);
     let mut distances = vec![0.0; points.len()];
     let mut factor = DenseCholesky::with_capacity(6);
     for _ in 0..ROUNDS {
         let normal = factor.refill(6);
         let mut right = [0.0; 6];
         for (&p, distance) in points.iter().zip(&mut distances) {
-            let x = placement.apply(p);
+            let x = placement.apply(p - centre);
             let near = tree.closest(x)?;
             let away = x - near.point;
             let sign = if tree.winding(x) > 0.5 { -1.0 } else { 1.0 };
@@ -87,5 +90,6 @@ fn onto_skin(points: &[DVec3], start: Upright, body: &Skeleton, tree: &TriangleT
         placement.scale *= step[4].clamp(-0.2, 0.2).exp();
         shell = (shell + step[5]).clamp(0.0, FARTHEST * body.stature);
     }
+    placement.translation -= placement.rotation * centre * placement.scale;
     Some((placement, yaw, distances))
 }

@@ -88,7 +88,11 @@ pub(super) fn unbound(binding: &Binding) -> Notes {
             binding.unbound.iter().take(NAMED).map(|(label, reason)| format!("{label} ({reason})")).collect();
         let more = binding.unbound.len().saturating_sub(NAMED);
         let more = if more > 0 { format!(" and {more} more, see --verbose") } else { String::new() };
-        notes.warn(format!("{} not bound: {}{more}", words::plural(binding.unbound.len(), "marker"), named.join(", ")));
+        notes.warn(format!(
+            "{} not bound: {}{more}",
+            words::plural(binding.unbound.len(), binding.decisions.noun),
+            named.join(", ")
+        ));
     }
     notes
 }

@@ -2,8 +2,8 @@
 
 use super::args::Animate;
 use super::decisions::{bind_line, file_name};
-use crate::binding::{Binding, Segment};
-use crate::capture::Capture;
+use crate::binding::{Binding, BoundMarker, Segment};
+use crate::capture::{Capture, Motion};
 use crate::error::Result;
 use crate::export::files::Pending;
 use crate::picture::{self, CLAY, Colors, Mark, Shape, Sheet, Stroke, Surface, View};
@@ -55,10 +55,23 @@ fn draw(args: &Animate, bound: &Bound<'_>) -> picture::Picture {
         heading: vec![format!("{} · {}", file_name(&args.scan), file_name(&args.capture)), bind_line(args, bound.binding)],
         ..Sheet::default()
     };
-    skeleton(bound.binding, &mut sheet);
-    let rings = markers(bound, &mut sheet);
+    // Of a skeleton the user knows the joints, not the points that move with them.
+    let of_joints = bound.binding.trajectories.is_some();
+    skeleton(bound.binding, !of_joints, &mut sheet);
+    let rings = if of_joints {
+        sheet.marks.extend(joints(&bound.binding.handles, &depths(bound.reference)));
+        false
+    } else {
+        markers(bound, &mut sheet)
+    };
     let mut explain = |shape, color, words: &str| sheet.legend.push((shape, color, words.to_owned()));
-    if bound.binding.segments.is_empty() {
+    if of_joints {
+        explain(Shape::Ring, MIDDLE, "joint of the capture");
+        explain(Shape::Dot, MIDDLE, "point that moves with it");
+        if !bound.binding.segments.is_empty() {
+            explain(Shape::Square, BONE, "joint of the scan");
+        }
+    } else if bound.binding.segments.is_empty() {
         explain(Shape::Dot, MIDDLE, "attachment");
     } else {
         explain(Shape::Dot, LEFT, "attachment, left");
@@ -113,14 +126,50 @@ fn joint(segment: Segment) -> Option<&'static str> {
 }
 
 /// The bones of the scan, and its joints, which are named where they are on one side only once.
-fn skeleton(binding: &Binding, sheet: &mut Sheet<'_>) {
+fn skeleton(binding: &Binding, named: bool, sheet: &mut Sheet<'_>) {
     for place in &binding.segments {
         sheet.strokes.push(Stroke { from: place.from, to: place.to, color: BONE, width: 2.0, opacity: 0.55 });
         if let Some(name) = joint(place.segment) {
-            let name = if side(Some(place.segment)) == RIGHT { String::new() } else { name.to_owned() };
+            let name = if !named || side(Some(place.segment)) == RIGHT { String::new() } else { name.to_owned() };
             sheet.marks.push(Mark { at: place.from, name, color: BONE, shape: Shape::Square, through: true });
         }
     }
+}
+
+/// Joints with names at most; of more, those nearest to the root have one.
+const NAMED: usize = 40;
+
+/// Names of the joints of a skeleton, each with its distance from the root.
+fn depths(capture: &Capture) -> Vec<(&str, usize)> {
+    let Motion::Skeleton(take) = &capture.motion else { return Vec::new() };
+    let mut depths: Vec<(&str, usize)> = Vec::with_capacity(take.joints.len());
+    for joint in &take.joints {
+        depths.push((&joint.name, joint.parent.map_or(0, |parent| depths[parent].1 + 1)));
+    }
+    depths
+}
+
+/// The points that move with joints: one of each joint a ring with its name, the others dots without.
+fn joints(handles: &[BoundMarker], depths: &[(&str, usize)]) -> Vec<Mark> {
+    let mut first: Vec<(&str, usize)> = Vec::new();
+    let mut seen = std::collections::HashSet::new();
+    for (h, handle) in handles.iter().enumerate() {
+        if seen.insert(handle.known_as()) {
+            first.push((handle.known_as(), h));
+        }
+    }
+    let depths: std::collections::HashMap<&str, usize> = depths.iter().copied().collect();
+    first.sort_by_key(|(name, _)| depths.get(name).copied().unwrap_or(0));
+    let common = common_prefix(first.iter().map(|(name, _)| *name));
+    let mut marks: Vec<Mark> = handles
+        .iter()
+        .map(|h| Mark { at: h.attachment, name: String::new(), color: side(h.segment), shape: Shape::Dot, through: false })
+        .collect();
+    for (rank, (name, h)) in first.into_iter().enumerate() {
+        let name = if rank < NAMED { name[common..].to_owned() } else { String::new() };
+        marks[h] = Mark { name, shape: Shape::Ring, through: true, ..marks[h].clone() };
+    }
+    marks
 }
 
 /// Attachments with their names, and the markers where they are in the reference frame. Whether there are any of these.
@@ -189,6 +238,29 @@ mod tests {
         assert_eq!(common_prefix(["LFWT", "LFHD"].into_iter()), 0);
         assert_eq!(common_prefix(["A_B"].into_iter()), 0);
         assert_eq!(common_prefix(["Ä_x", "Ä_y"].into_iter()), 3);
+    }
+
+    #[test]
+    fn joints_are_named_once_and_their_points_not() {
+        let labels = ["rig:Hips", "rig:Hips \u{203a} x", "rig:Arm \u{203a} middle", "rig:Arm \u{203a} side"];
+        let handle = |(marker, label): (usize, &str)| BoundMarker {
+            label: label.to_owned(),
+            marker,
+            attachment: DVec3::X * marker as f64,
+            segment: None,
+            beta: 1.0,
+        };
+        let handles: Vec<BoundMarker> = labels.into_iter().enumerate().map(handle).collect();
+        let marks = joints(&handles, &[("rig:Hips", 0), ("rig:Arm", 1)]);
+        let told: Vec<(&str, Shape, f64)> = marks.iter().map(|m| (m.name.as_str(), m.shape, m.at.x)).collect();
+        use Shape::{Dot, Ring};
+        assert_eq!(told, [("Hips", Ring, 0.0), ("", Dot, 1.0), ("Arm", Ring, 2.0), ("", Dot, 3.0)]);
+        // Of very many joints those far from the root have no names.
+        let many: Vec<String> = (0..NAMED + 5).map(|k| format!("J{k}")).collect();
+        let handles: Vec<BoundMarker> = many.iter().map(String::as_str).enumerate().map(handle).collect();
+        let deep: Vec<(&str, usize)> = many.iter().map(String::as_str).zip((0..many.len()).rev()).collect();
+        let marks = joints(&handles, &deep);
+        assert!(marks[..5].iter().all(|m| m.name.is_empty()) && marks[5..].iter().all(|m| !m.name.is_empty()));
     }
 
     #[test]

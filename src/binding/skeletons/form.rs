@@ -17,6 +17,8 @@ const MARGIN: f64 = 0.02;
 const SYMMETRY: f64 = 2.0;
 /// Cosine of the votes for the front up to which it is unclear.
 const FRONT: f64 = 0.3;
+/// Joints in a chain beyond which it is no limb: hands have ten, ropes and hair hundreds.
+const LIMB: usize = 64;
 /// Frames looked at for the front.
 const SAMPLES: usize = 40;
 
@@ -56,6 +58,9 @@ impl Tree<'_> {
     /// `top` to the first, first to second, second to third, third to the end.
     fn limb(&self, top: usize, end: usize, shares: [f64; 4]) -> Option<[usize; 3]> {
         let chain = self.chain(top, end);
+        if chain.len() > LIMB {
+            return None;
+        }
         let mut best: Option<(f64, [usize; 3])> = None;
         for (i, &a) in chain.iter().enumerate() {
             for (k, &b) in chain.iter().enumerate().skip(i + 1) {
@@ -81,6 +86,9 @@ impl Tree<'_> {
 pub(super) fn cast(rig: &Rig<'_>, swap: bool) -> Option<Cast> {
     let frames = rig.sample(SAMPLES);
     let poses = frames.iter().map(|&f| Pose::Frame(f)).chain([Pose::Rest]);
+    if rig.take.depth() > 3 * LIMB {
+        return None;
+    }
     let joints = rig.take.joints.len();
     let places = poses.map(|pose| (0..joints).map(|j| rig.place(pose, j)).collect::<Option<Vec<_>>>()).find_map(|p| p)?;
     let mut depth = vec![0.0; joints];

@@ -2,8 +2,8 @@
 
 use super::puppet::{Part, Puppet};
 use crate::binding::labels::{Part as Stretch, Place};
-use crate::binding::places;
 use crate::binding::segments::{Segment, Side, Skeleton};
+use crate::binding::{BoundMarker, places};
 use crate::spatial::TriangleTree;
 use glam::DVec3;
 
@@ -90,6 +90,9 @@ pub(super) fn all(puppet: &Puppet<'_>, body: &Skeleton, tree: &TriangleTree) -> 
         b.ring(&name("foot"), Stretch::Foot, side, 0.0, Part::Foot(s), &[ACROSS[0], ACROSS[1], ACROSS[3]]);
         b.ring(&name("foot"), Stretch::Foot, side, 0.6, Part::Foot(s), &[ACROSS[0], ACROSS[1]]);
         b.ring(&name("toes"), Stretch::Foot, side, 0.85, Part::Toes(s), &[ACROSS[0], ACROSS[1], ACROSS[2]]);
+    }
+    for grip in &mut b.grips {
+        grip.label = BoundMarker::held_by(puppet.joint(grip.part), &grip.label);
     }
     b.grips
 }

@@ -22,7 +22,7 @@ use super::reference::frame_index;
 use super::segments::{Segment, Skeleton};
 use super::similarity::{Similarity, turn_between};
 use super::track::Track;
-use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, Turning, actor};
+use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, Turning, actor, refuse};
 use crate::capture::{Capture, MarkerTake, SkeletonTake};
 use crate::error::{Error, Notes, Result};
 use crate::space::{Evidence, Known};
@@ -40,6 +40,10 @@ const FAR: f64 = 45.0;
 const OTHER_BUILD: f64 = 0.25;
 /// Lengths of trunk and arm, in those of the leg, of a person whose joints have no telling names.
 const LIKE_LEGS: (f64, f64) = (0.35, 1.1);
+/// Cosine from which a direction of a skeleton that lies in the scan is the body's.
+const ALIKE: f64 = 0.7;
+/// Length ratios of actor and scan beyond which joints that only their form tells are no person's.
+const ABSURD: f64 = 1.8;
 /// Share of frames in which the feet may be below the floor.
 const ON_FLOOR: f64 = 0.2;
 
@@ -83,13 +87,13 @@ pub(super) fn bind(
     let up = stance.up.value.vector();
     let neutral = Neutral::read(&rig, &cast, &skeleton, pose, up)
         .ok_or_else(|| in_file(Error::refused("the joints of the reference pose have no places or turns")))?;
-    warn_of_pose(rest.is_some(), near, &mut notes);
+    check_pose(cast.by_form, rest.is_some(), near, options, &mut notes).map_err(in_file)?;
 
     let unit = scan_unit(scan, Some(body), options);
     let factor = unit_factor(stance.unit, unit);
     let diagonal = scan.unit_box.diagonal;
     let [thigh, shank] = [Segment::LeftThigh, Segment::LeftShank].map(|left| mean_length(&skeleton, left));
-    let mut puppet = Puppet::new(rig, (&rig, &cast, pose), &cast, &skeleton, &neutral);
+    let mut puppet = Puppet::new(rig, pose, &cast, &skeleton, &neutral);
     puppet.scale = options.scale.map_or((thigh + shank) / stance.leg, |s| s * factor / diagonal);
     let yaw =
         place(&mut puppet, &skeleton, frame, up, options).ok_or_else(|| in_file(Error::refused("the pelvis has no turn")))?;
@@ -104,6 +108,16 @@ pub(super) fn bind(
         ("thigh", ratio(lengths.thigh, thigh)),
         ("shank", ratio(lengths.shank, shank)),
     ];
+    if cast.by_form
+        && let Some((name, ratio)) = proportions.iter().find(|(_, r)| !(1.0 / ABSURD..=ABSURD).contains(r))
+    {
+        let what = format!(
+            "only the form of the skeleton tells a person, and its {name} is {ratio:.2} times the scan's against the legs"
+        );
+        let error = Error::refused(what).expected(format!("{:.2} to {ABSURD:.2}", 1.0 / ABSURD));
+        refuse(error.hint("a skeleton with the usual names (Hips, LeftArm, LeftForeArm, …)"), options, &mut notes)
+            .map_err(in_file)?;
+    }
     let other: Vec<String> =
         proportions.iter().filter(|(_, r)| (r - 1.0).abs() > OTHER_BUILD).map(|(name, r)| format!("{name} {r:.2}")).collect();
     if !other.is_empty() {
@@ -160,24 +174,55 @@ pub(super) fn bind(
     })
 }
 
-/// Binds a skeleton that lies in the scan at rest; `None` where it does not. `--align none` takes its word for it.
+/// Binds a skeleton that lies in the scan as it is, at rest or in a frame; `None` where it does not and may be brought there. Of a person's
+/// skeleton and scan all joints must lie inside, and left and up be alike: what merely overlaps is retargeted.
 pub(super) fn bind_own(
     scan: &ScanShape<'_>,
     body: Option<&Body>,
     capture: &Capture,
     take: &SkeletonTake,
+    reference: Option<&Capture>,
     options: &Options,
 ) -> Option<Result<Binding>> {
     let rig = Rig { take, mirror: options.mirror };
-    let factor = match (own::lies_in(scan, &rig, capture, options), options.align) {
-        (Some(factor), _) => factor,
-        (None, Align::None) => {
-            let unit = options.capture_unit.map(|u| Known::new(u, Evidence::User)).or(capture.space.unit);
-            options.scale.unwrap_or(1.0) * unit_factor(unit, scan_unit(scan, body, options))
-        }
+    let moved = options.yaw.is_some() || options.scale.is_some() || options.flip || options.reference != Reference::Auto;
+    let margin = match (options.align, body) {
+        (Align::None, _) | (Align::Auto, None) => own::LOOSE,
+        (Align::Auto, Some(_)) if !moved && reference.is_none() => own::STRICT,
         _ => return None,
     };
-    Some(own::bind(scan, body, capture, take, factor, options))
+    let found = match own::lies_in(scan, body, &rig, capture, options, margin) {
+        Ok(found) => found,
+        Err(error) => return Some(Err(error)),
+    };
+    let mut notes = Notes::default();
+    let lies = match (found, options.align, body) {
+        (Some(lies), Align::Auto, Some(body)) if !stands_alike(&rig, body, lies.pose, options) => return None,
+        (Some(lies), ..) => {
+            notes.warn("the skeleton lies in the scan as it is: nothing was moved");
+            lies
+        }
+        (None, Align::None, _) => match own::elsewhere(scan, body, &rig, capture, options, &mut notes) {
+            Ok(lies) => lies,
+            Err(error) => return Some(Err(error)),
+        },
+        (None, ..) => return None,
+    };
+    if reference.is_some() {
+        notes.warn("the reference capture is not used: the skeleton is taken as it lies in the scan");
+    }
+    Some(own::bind(scan, body, capture, take, lies, options, notes))
+}
+
+/// Whether left and up of a person's joints are those of the body; joints that are no person's do not tell.
+fn stands_alike(rig: &Rig<'_>, body: &Body, pose: Pose, options: &Options) -> bool {
+    let skeleton = Skeleton::of(body);
+    let cast = cast::by_names(rig, options.swap_sides).ok().or_else(|| form::cast(rig, options.swap_sides));
+    let Some(cast) = cast else { return true };
+    let left = stance::leftwards(rig, &cast, pose, skeleton.up);
+    let trunk = stance::shoulders(rig, &cast, pose).zip(stance::hips(rig, &cast, pose));
+    let up = trunk.and_then(|(top, low)| (top - low).try_normalize());
+    left.is_none_or(|d| d.dot(skeleton.left) > ALIKE) && up.is_none_or(|d| d.dot(skeleton.up) > ALIKE)
 }
 
 /// The parts of the joints and their lengths, or why this is no human skeleton.
@@ -216,14 +261,25 @@ fn recognise(rig: &Rig<'_>, options: &Options, notes: &mut Notes) -> Result<(Cas
     Ok((cast, lengths))
 }
 
-fn warn_of_pose(rest: bool, near: Nearness, notes: &mut Notes) {
-    if !rest && near.angle > FAR {
-        notes.warn(format!(
-            "no frame is near the scan's pose ({:.0}° away in the mean) and the file's rest is no standing person: limbs may be twisted; \
-             --ref N takes another frame",
-            near.angle
-        ));
+/// A pose far from the scan's, with no standing rest, twists limbs; of joints that only their form tells it says that they are no person's.
+fn check_pose(by_form: bool, rest: bool, near: Nearness, options: &Options, notes: &mut Notes) -> Result<()> {
+    if rest || near.angle <= FAR {
+        return Ok(());
     }
+    if by_form {
+        let what = format!(
+            "no pose of the skeleton is near the scan's ({:.0}° away in the mean), and only its form tells a person",
+            near.angle
+        );
+        let error = Error::refused(what).expected(format!("{FAR:.0}° or less, or a standing person at rest"));
+        return refuse(error.hint("a skeleton with the usual names (Hips, LeftArm, LeftForeArm, …)"), options, notes);
+    }
+    notes.warn(format!(
+        "no frame is near the scan's pose ({:.0}° away in the mean) and the file's rest is no standing person: limbs may be twisted; \
+         --ref N takes another frame",
+        near.angle
+    ));
+    Ok(())
 }
 
 /// Turns and shifts the puppet onto the scan: as the body stands in `frame`. Gives the turn about up.

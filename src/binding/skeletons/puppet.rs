@@ -64,17 +64,10 @@ pub(super) struct Puppet<'a> {
 }
 
 impl<'a> Puppet<'a> {
-    /// A puppet at the capture's own place. `pose`: the pose of `neutral`, in the rig that it was read from.
-    pub(super) fn new(
-        rig: Rig<'a>,
-        posed: (&Rig<'_>, &Cast, Pose),
-        cast: &'a Cast,
-        body: &'a Skeleton,
-        neutral: &'a Neutral,
-    ) -> Self {
-        let (still, still_cast, pose) = posed;
-        let shoulders = [0, 1].map(|side| shoulder(still, still_cast, pose, side));
-        let begins = begins(still, still_cast, pose);
+    /// A puppet at the capture's own place. `pose`: that of `neutral`.
+    pub(super) fn new(rig: Rig<'a>, pose: Pose, cast: &'a Cast, body: &'a Skeleton, neutral: &'a Neutral) -> Self {
+        let shoulders = [0, 1].map(|side| shoulder(&rig, cast, pose, side));
+        let begins = begins(&rig, cast, pose);
         Self { rig, cast, body, neutral, turn: DQuat::IDENTITY, scale: 1.0, shift: DVec3::ZERO, begins, shoulders }
     }
 
@@ -93,6 +86,25 @@ impl<'a> Puppet<'a> {
         let pose = Pose::Frame(frame);
         let pelvis = self.carried(pose, self.cast.pelvis(), self.neutral.spine[0])?;
         Some((pelvis * self.body.forward, self.hips(pose)?))
+    }
+
+    /// Name of the joint that a part moves with.
+    pub(super) fn joint(&self, part: Part) -> &'a str {
+        let (arms, legs) = (&self.cast.arms, &self.cast.legs);
+        let toe = |side: usize| legs[side].toe.filter(|&t| !self.rig.take.joints[t].end);
+        let joint = match part {
+            Part::Spine(i) => self.cast.spine[i],
+            Part::Neck => self.cast.neck.unwrap_or(self.cast.chest()),
+            Part::Head => self.cast.head.or(self.cast.neck).unwrap_or(self.cast.chest()),
+            Part::UpperArm(side) => arms[side].shoulder,
+            Part::Forearm(side) | Part::Cuff(side) => arms[side].elbow,
+            Part::Hand(side) => arms[side].wrist,
+            Part::Thigh(side) => legs[side].hip,
+            Part::Shank(side) => legs[side].knee,
+            Part::Foot(side) => legs[side].ankle,
+            Part::Toes(side) => toe(side).unwrap_or(legs[side].ankle),
+        };
+        &self.rig.take.joints[joint].name
     }
 
     fn hips(&self, pose: Pose) -> Option<DVec3> {

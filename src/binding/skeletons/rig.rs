@@ -79,8 +79,13 @@ impl Rig<'_> {
 
     /// The last joint that both hang on.
     pub(super) fn common(&self, a: usize, b: usize) -> Option<usize> {
-        let of_b: Vec<usize> = self.ancestors(b).collect();
-        self.ancestors(a).find(|j| of_b.contains(j))
+        let (mut a, mut b) = (self.take.joints[a].parent?, self.take.joints[b].parent?);
+        // Parents come before their children: the later one of two is not above the other.
+        while a != b {
+            let later = if a > b { &mut a } else { &mut b };
+            *later = self.take.joints[*later].parent?;
+        }
+        Some(a)
     }
 
     /// The joints from pelvis to chest, both included; where the chest does not hang on the pelvis, from below their common joint.

@@ -156,6 +156,19 @@ fn find_up(
     }
     let how = match space.up {
         Some(file) if file.value == axis => file.how,
+        Some(file) if cast.by_form => {
+            let what = format!(
+                "only the form of the skeleton tells a person, and by it {axis} is up, where the file says {}",
+                file.value
+            );
+            let error = Error::refused(what).expected("joints that stand upright along the file's own axis");
+            refuse(
+                error.hint("--capture-up, or a skeleton with the usual names (Hips, LeftArm, LeftForeArm, …)"),
+                options,
+                notes,
+            )?;
+            Evidence::Shape
+        }
         Some(file) if confidence < 0.8 => return Ok(file),
         Some(file) => {
             notes.warn(format!("the capture file says {} is up, its joints say {axis}: the joints are believed", file.value));
