@@ -170,8 +170,12 @@ fn a_take_far_from_the_origin_moves_the_scan_all_the_same() {
     std::fs::write(work.path().join("far.csv"), table_at(&walk, 1, [3e7, -3e7, 3e7])).unwrap();
     let [near, far] = ["near", "far"].map(|name| {
         let out = format!("{name}.pc2");
-        run(work.path(), &format!("{name}.csv"), &["-o", &out, "--frames", "101..102", "--align", "pose", "--ref", "100"]);
-        cache(&work.path().join(&out)).1
+        let same = ["--frames", "101..102"];
+        run(work.path(), &format!("{name}.csv"), &[&["-o", &out, "--align", "pose", "--ref", "100"], &same[..]].concat());
+        let posed = cache(&work.path().join(&out)).1;
+        // By the skin.
+        run(work.path(), &format!("{name}.csv"), &[&["-o", &out], &same[..]].concat());
+        [posed, cache(&work.path().join(&out)).1].concat()
     });
     for (a, b) in near.iter().zip(&far) {
         // Single precision out there would take steps of two millimetres.

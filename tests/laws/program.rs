@@ -24,7 +24,7 @@ const OTHER_PROXY: f64 = 2e-3;
 /// Largest extra move in a frame when markers return, and when one vanishes, in heights.
 const JUMP: f64 = 0.02;
 /// The same when all markers of a leg vanish at once.
-const VANISHED: f64 = 0.03;
+const VANISHED: f64 = 0.035;
 
 type Frames = Vec<Vec<DVec3>>;
 
