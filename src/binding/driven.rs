@@ -1,7 +1,7 @@
 //! Handles from a table: they rest where they are in their first frame, and go where the table says.
 //!
 //! A handle without an orientation is a point like a marker. One with an orientation, or one that holds a part of the scan, moves and turns what it
-//! holds; see [`super::grips`].
+//! holds; see [`crate::pipeline::grips`].
 
 use super::bind::scan_unit;
 use super::landmarks::Body;
