@@ -2,9 +2,10 @@
 
 use super::actor::{self, Actor, quantile};
 use super::fit::{self, Fit, Observation, SIZE};
-use super::labels::{self, Names};
+use super::labels::{self, Names, Part};
 use super::landmarks::{Body, NotHuman};
 use super::reference::{self, Chosen, Landed};
+use super::retarget::{self, Seen};
 use super::segments::{self, Segment, Side, Skeleton};
 use super::similarity::{Held, Similarity, upright};
 use super::track::Track;
@@ -44,8 +45,15 @@ pub(super) const OUTSIDE: f64 = 0.05;
 const SAMPLES: usize = 60;
 /// Distances along bones that differ by more than this are worth a word (95th percentile).
 const STRETCH: f64 = 0.25;
-/// Length ratios of actor and scan farther from 1 than this are worth a word: targets keep the actor's lengths.
+/// Length ratios of actor and scan farther from 1 than this are worth a word where targets keep the actor's lengths.
 const OTHER_BUILD: f64 = 0.10;
+/// Within so much of each other are the lengths of an actor and of his own scan, and so near to 1 is their size: of six made bodies, seven of
+/// eight pairs of one body in two poses pass, and one of 22 pairs of different bodies.
+const OWN_LENGTHS: f64 = 0.04;
+const OWN_SIZE: f64 = 0.03;
+/// Weight of a marker for the pose of its segment where the dictionary does not name it, or where it is doubtful.
+const UNNAMED: f64 = 0.5;
+const DOUBTED: f64 = 0.3;
 
 /// Binds a capture to a scan.
 ///
@@ -216,20 +224,24 @@ impl Human<'_> {
             pose_held,
             options,
         )?;
-        let own = (options.align != Align::Pose && pose_held == Held::default())
+        let own = (matches!(options.align, Align::Auto | Align::Similarity) && pose_held == Held::default())
             .then(|| self.own_pose(posed, &candidates, &landed))
             .flatten();
         let chosen = own.unwrap_or(candidates[0]);
-        let align = match options.align {
-            Align::Auto if own.is_some() || chosen.rms < ALIKE => Align::Similarity,
-            Align::Auto => Align::Pose,
-            chosen => chosen,
-        };
         let fit = self.fit(posed, &landed, &chosen);
         let mut fit = Fitted { fit, landed: &landed, chosen: &chosen };
         if let Some(scale) = held.scale {
             fit.fit.resize(chosen.upright.placement.scale / scale);
         }
+        let size = chosen.upright.placement.scale / fit.fit.size * self.scan.unit_box.diagonal / factor;
+        let own_body =
+            (size - 1.0).abs() < OWN_SIZE && SIZE.iter().all(|&(r, _)| (fit.fit.ratios[r as usize] - 1.0).abs() < OWN_LENGTHS);
+        let align = match options.align {
+            Align::Auto if own.is_some() || chosen.rms < ALIKE => Align::Similarity,
+            Align::Auto if own_body => Align::Pose,
+            Align::Auto => Align::Retarget,
+            chosen => chosen,
+        };
         self.warn_of_pose(&fit, still.is_some(), &mut notes);
         self.check_fit(posed, &fit, &mut notes)?;
         if !self
@@ -244,7 +256,6 @@ impl Human<'_> {
         let diagonal = self.scan.unit_box.diagonal;
         let d = &mut binding.decisions;
         d.on_skin = own.is_some() && align == Align::Similarity;
-        d.scale = binding.placement.scale * diagonal / factor;
         d.scan_unit = unit;
         d.scan_up = Some(Known::new(self.body.up, if options.scan_up.is_some() { Evidence::User } else { Evidence::Shape }));
         d.scan_forward = Some(Known::new(self.body.forward, if options.flip { Evidence::User } else { Evidence::Shape }));
@@ -390,7 +401,13 @@ impl Human<'_> {
 
         let strays = clusters::strays(&take.track, &take.names, &frames, stature, LEAVES);
 
+        let clavicles = match align {
+            Align::Similarity => [DVec3::ZERO; 2],
+            _ => retarget::clavicles(self.skeleton, &fitted.fit, self.body.arm_elevation),
+        };
+
         let mut handles = Vec::new();
+        let mut seen = Vec::new();
         let mut unbound = Vec::new();
         let mut doubtful = Vec::new();
         for marker in 0..take.track.take.markers() {
@@ -424,9 +441,12 @@ impl Human<'_> {
                 unbound.push((label, "not there in the reference frame".to_owned()));
                 continue;
             };
+            let at = start.apply(point);
+            let place = take.names.places[marker].as_ref();
+            let shoulder = place.filter(|p| p.part == Part::Shoulder).map(|p| usize::from(p.side == Side::Right));
             let attachment = match align {
-                Align::Similarity => start.apply(point),
-                _ => fitted.fit.carry(self.skeleton, segment, start.apply(point)),
+                Align::Similarity => at,
+                _ => fitted.fit.carry(self.skeleton, segment, at) - shoulder.map_or(DVec3::ZERO, |s| clavicles[s]),
             };
             if let Some(far) = outside(self.scan, attachment) {
                 unbound.push((label, format!("{:.1} % of the diagonal outside the scan", 100.0 * far)));
@@ -439,6 +459,8 @@ impl Human<'_> {
                 let percent = 100.0 * residual.unwrap_or(0.0).max(leaves.unwrap_or(0.0));
                 doubtful.push(format!("{label} {percent:.1} %"));
             }
+            let weight = if soft { DOUBTED } else { place.map_or(UNNAMED, |p| p.weight) };
+            seen.push(Seen { at, shoulder, weight });
             handles.push(BoundMarker { label, marker, attachment, segment: Some(segment), beta: if soft { SOFT } else { 1.0 } });
         }
         if !doubtful.is_empty() {
@@ -450,7 +472,29 @@ impl Human<'_> {
         }
 
         let placement = self.place(align, actor, fitted, apart, &handles, held)?;
-        let mut decisions = Decisions {
+        let similarity = placement.similarity;
+        let trajectories = (align == Align::Retarget).then(|| {
+            let (size, first) = (fitted.fit.size, placement.frame);
+            let actor = Similarity { scale: similarity.scale * size, translation: similarity.translation * size, ..similarity };
+            let placement = if apart { actor } else { start };
+            retarget::trajectories(self.skeleton, &fitted.fit, &clavicles, &take.track, &placement, &handles, &seen, first)
+        });
+        let strain = match &trajectories {
+            Some(own) => {
+                let target = |frame: usize, handle: usize| own.point(frame, handle);
+                checks::strain(&take.names, &handles, target, &frames, self.skeleton.stature)
+            }
+            None => {
+                let target =
+                    |frame: usize, handle: usize| take.track.point(frame, handles[handle].marker).map(|p| similarity.apply(p));
+                checks::strain(&take.names, &handles, target, &frames, self.skeleton.stature)
+            }
+        };
+        let off_surface = raw::off_surface(self.scan, &handles);
+        if trajectories.is_some() {
+            handles.iter_mut().enumerate().for_each(|(i, handle)| handle.marker = i);
+        }
+        let decisions = Decisions {
             align,
             on_skin: false,
             noun: take.capture.motion.noun(),
@@ -458,7 +502,7 @@ impl Human<'_> {
             reference_frame: posed.capture.first_frame + frame as i64,
             reference_range: posed.range(),
             reference_capture: apart.then(|| posed.capture.name.clone()),
-            scale: placement.similarity.scale * self.scan.unit_box.diagonal / factor,
+            scale: similarity.scale * self.scan.unit_box.diagonal / factor,
             yaw: placement.yaw.to_degrees(),
             scan_unit: None,
             scan_up: None,
@@ -471,18 +515,16 @@ impl Human<'_> {
             named: take.names.count(),
             markers: take.track.take.markers(),
             bound: handles.len(),
-            off_surface: raw::off_surface(self.scan, &handles),
+            off_surface,
             residual: Some(fitted.residual(self.skeleton)).map(|(a, b)| (100.0 * a, 100.0 * b)),
             proportions: SIZE.iter().map(|&(r, name)| (name, fitted.fit.ratios[r as usize])).collect(),
-            strain: None,
+            strain: strain.map(|(median, p95)| (100.0 * median, 100.0 * p95)),
         };
-        let similarity = placement.similarity;
-        if let Some((median, p95)) = checks::strain(take, &handles, &similarity, &frames, self.skeleton.stature) {
-            decisions.strain = Some((100.0 * median, 100.0 * p95));
+        if let Some((_, p95)) = strain {
             let stretched: Vec<String> = decisions
                 .proportions
                 .iter()
-                .filter(|(_, r)| (r - 1.0).abs() > OTHER_BUILD)
+                .filter(|(_, r)| align != Align::Retarget && (r - 1.0).abs() > OTHER_BUILD)
                 .map(|(name, r)| format!("{name} {r:.2}"))
                 .collect();
             if !stretched.is_empty() {
@@ -505,11 +547,14 @@ impl Human<'_> {
             })
             .collect();
         Ok(Binding {
-            placement: Similarity { mirror: self.options.mirror, ..similarity },
+            placement: match trajectories {
+                Some(_) => Similarity::IDENTITY,
+                None => Similarity { mirror: self.options.mirror, ..similarity },
+            },
             handles,
             unbound,
             segments,
-            trajectories: None,
+            trajectories,
             turning: Turning::default(),
             decisions,
             notes,
@@ -533,7 +578,7 @@ impl Human<'_> {
             _ => chosen.upright.placement.scale / fitted.fit.size,
         };
         if align == Align::Similarity && !apart {
-            return Ok(Placed { similarity: chosen.upright.placement, yaw: chosen.upright.yaw });
+            return Ok(Placed { similarity: chosen.upright.placement, yaw: chosen.upright.yaw, frame: chosen.frame });
         }
         let up = actor.up.value.vector();
         let frame = if apart {
@@ -554,13 +599,15 @@ impl Human<'_> {
         let placed = upright(&pairs(true), up, self.skeleton.up, held)
             .or_else(|| upright(&pairs(false), up, self.skeleton.up, held))
             .ok_or_else(|| Error::refused("fewer than three bound markers are there at once").file(&self.take.capture.source))?;
-        Ok(Placed { similarity: placed.placement, yaw: placed.yaw })
+        Ok(Placed { similarity: placed.placement, yaw: placed.yaw, frame })
     }
 }
 
 struct Placed {
     similarity: Similarity,
     yaw: f64,
+    /// The frame of the take that it was read in.
+    frame: usize,
 }
 
 struct Fitted<'a> {

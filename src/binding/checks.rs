@@ -2,11 +2,12 @@
 
 use super::actor::quantile;
 use super::bind::Take;
+use super::labels::Names;
 use super::landmarks::{Body, NotHuman};
 use super::segments::Segment;
-use super::similarity::Similarity;
 use super::{BoundMarker, Options, refuse};
 use crate::error::{Error, Notes, Result};
+use glam::DVec3;
 
 /// Named markers below which no body can be recognised.
 const FEWEST_NAMED: usize = 10;
@@ -96,20 +97,20 @@ pub(super) fn same_actor(take: &Take<'_>, still: &Take<'_>) -> Result<()> {
 }
 
 /// Median and 95th percentile of the relative difference between distances of targets and of attachments, over pairs that a body keeps
-/// apart by a bone: on one segment, or at the two ends of a limb's segment.
+/// apart by a bone: on one segment, or at the two ends of a limb's segment. `target`: of a handle in a frame, in the unit box.
 pub(super) fn strain(
-    take: &Take<'_>,
+    names: &Names,
     handles: &[BoundMarker],
-    placement: &Similarity,
+    target: impl Fn(usize, usize) -> Option<DVec3>,
     frames: &[usize],
     stature: f64,
 ) -> Option<(f64, f64)> {
     let mut values = Vec::new();
     for (i, a) in handles.iter().enumerate() {
-        for b in &handles[i + 1..] {
+        for (j, b) in handles.iter().enumerate().skip(i + 1) {
             let (Some(s), Some(t)) = (a.segment, b.segment) else { continue };
             let rest = (a.attachment - b.attachment).length();
-            let (p, q) = (&take.names.places[a.marker], &take.names.places[b.marker]);
+            let (p, q) = (&names.places[a.marker], &names.places[b.marker]);
             let ends = match (p, q) {
                 (Some(p), Some(q)) => p.is_bone_with(q) || q.is_bone_with(p),
                 _ => false,
@@ -118,8 +119,8 @@ pub(super) fn strain(
                 continue;
             }
             for &f in frames {
-                if let (Some(p), Some(q)) = (take.track.point(f, a.marker), take.track.point(f, b.marker)) {
-                    values.push(((p - q).length() * placement.scale / rest - 1.0).abs());
+                if let (Some(p), Some(q)) = (target(f, i), target(f, j)) {
+                    values.push(((p - q).length() / rest - 1.0).abs());
                 }
             }
         }

@@ -7,6 +7,8 @@ use glam::DVec3;
 
 /// What the moving points of a skeleton are called.
 const JOINT: &str = "joint";
+/// Length ratios farther from 1 than this are named.
+const OTHER_LENGTH: f64 = 0.05;
 
 /// The decisions of a binding.
 #[derive(Clone, Debug)]
@@ -139,6 +141,15 @@ impl Decisions {
             bound += &format!(", median {} off the surface, worst {} ({label})", length(*median), length(*worst));
         }
         words.push(bound);
+        let other: Vec<String> = self
+            .proportions
+            .iter()
+            .filter(|(_, ratio)| self.align == Align::Retarget && self.noun != JOINT && (ratio - 1.0).abs() > OTHER_LENGTH)
+            .map(|(name, ratio)| format!("{name} {ratio:.2}"))
+            .collect();
+        if !other.is_empty() {
+            words.push(format!("actor against scan: {}", other.join(", ")));
+        }
         if let Some((median, p90)) = self.residual {
             words.push(format!("fit median {median:.1} %, p90 {p90:.1} % of height"));
         }

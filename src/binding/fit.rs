@@ -74,7 +74,7 @@ pub(crate) struct Fit {
 }
 
 /// Distances count from this share of stature on as errors rather than noise.
-const SIGMA: f64 = 0.02;
+pub(super) const SIGMA: f64 = 0.02;
 const ITERATIONS: usize = 200;
 /// The fit is done when no unknown (radians, shares of the unit box, logarithms) changes by more in a step.
 const DONE: f64 = 1e-10;
@@ -335,7 +335,7 @@ impl Problem<'_> {
 }
 
 /// Step of the damped normal equations by Cholesky; `None` where they are not positive definite.
-fn solve(normal: &[f64], gradient: &[f64], damping: f64) -> Option<Vec<f64>> {
+pub(super) fn solve(normal: &[f64], gradient: &[f64], damping: f64) -> Option<Vec<f64>> {
     let n = gradient.len();
     let mut l = normal.to_vec();
     for i in 0..n {

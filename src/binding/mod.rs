@@ -2,6 +2,7 @@
 
 mod actor;
 mod bind;
+mod chase;
 mod checks;
 mod clusters;
 #[cfg(test)]
@@ -16,6 +17,7 @@ mod places;
 mod raw;
 mod reference;
 pub mod regions;
+mod retarget;
 mod segments;
 pub mod select;
 mod similarity;

@@ -407,7 +407,85 @@ fn legs_much_longer_than_the_scans_are_named() {
     let skeleton = Skeleton::of(&person.body);
     let ratios = [(Ratio::Thigh, 1.3), (Ratio::Shank, 1.3)];
     let frame = fit::simulate(&skeleton, &seen, &[], &ratios);
-    let binding = bound(&person, &take(&person, &labels, &[frame], 0.4, 0.5), &Options::default()).unwrap();
+    let options = Options { align: Align::Pose, ..Options::default() };
+    let binding = bound(&person, &take(&person, &labels, &[frame], 0.4, 0.5), &options).unwrap();
     let note = binding.notes.iter().find(|n| n.starts_with("actor and scan differ in build")).unwrap();
     assert!(note.contains("thigh 1."), "{note}");
+}
+
+/// Turns of a person who walks on the spot, swings the arms and nods.
+fn stride(k: usize) -> [(Segment, DVec3); 8] {
+    let swing = (k as f64 * 0.35).sin();
+    [
+        (Segment::Trunk, DVec3::Y * 0.2 * swing),
+        (Segment::Head, DVec3::X * 0.2 * swing),
+        (Segment::LeftUpperArm, DVec3::new(0.5 * swing, 0.0, -0.4)),
+        (Segment::RightUpperArm, DVec3::new(-0.5 * swing, 0.0, 0.4)),
+        (Segment::LeftThigh, DVec3::X * -0.5 * swing),
+        (Segment::LeftShank, DVec3::X * (0.5 + 0.4 * swing)),
+        (Segment::RightThigh, DVec3::X * 0.5 * swing),
+        (Segment::RightShank, DVec3::X * (0.5 - 0.4 * swing)),
+    ]
+}
+
+/// Largest distance of the targets of all frames from those of the scan's own body in the same poses, each frame's mean shift taken out.
+fn worst_target(binding: &Binding, truth: &[Vec<DVec3>], capture: &Capture) -> f64 {
+    let (mut positions, mut present) = (Vec::new(), Vec::new());
+    let mut worst = 0.0f64;
+    for (frame, truth) in truth.iter().enumerate() {
+        binding.targets(binding.take(capture), frame, &mut positions, &mut present);
+        assert!(present.iter().all(|&p| p));
+        let mean = positions.iter().zip(truth).map(|(a, b)| *a - *b).sum::<DVec3>() / truth.len() as f64;
+        worst = positions.iter().zip(truth).map(|(a, b)| (*a - *b - mean).length()).fold(worst, f64::max);
+    }
+    worst
+}
+
+#[test]
+fn an_actor_of_other_build_moves_the_scan_on_its_own_lengths() {
+    let person = person(0.75);
+    let labels = labels_of(&PLUG_IN_GAIT);
+    let seen = landmarks_of(&person, &labels);
+    let skeleton = Skeleton::of(&person.body);
+    let ratios = [(Ratio::Thigh, 1.2), (Ratio::Shank, 1.1), (Ratio::Torso, 0.9), (Ratio::UpperArm, 0.85), (Ratio::Forearm, 1.1)];
+    let poses = |ratios: &[(Ratio, f64)]| -> Vec<Vec<DVec3>> {
+        (0..30).map(|k| fit::simulate(&skeleton, &seen, &stride(k), ratios)).collect()
+    };
+    let (truth, capture) = (poses(&[]), take(&person, &labels, &poses(&ratios), 0.8, 0.5));
+    let far = |align: Align| {
+        let binding = bound(&person, &capture, &Options { align, ..Options::default() }).unwrap();
+        (worst_target(&binding, &truth, &capture) / person.body.stature, binding)
+    };
+    let (retargeted, binding) = far(Align::Auto);
+    assert_eq!(binding.decisions.align, Align::Retarget);
+    let (posed, plain) = far(Align::Pose);
+    assert!(retargeted < 0.02, "{retargeted}");
+    assert!(posed > 2.0 * retargeted, "the actor's own lengths miss those of the scan: {posed} against {retargeted}");
+    let strain = |b: &Binding| b.decisions.strain.unwrap().1;
+    assert!(strain(&binding) < 0.5 * strain(&plain), "{} {}", strain(&binding), strain(&plain));
+}
+
+#[test]
+fn steps_of_a_larger_actor_are_scaled_by_the_legs_and_stay_on_the_floor() {
+    let person = person(0.75);
+    let labels = labels_of(&PLUG_IN_GAIT);
+    let seen = landmarks_of(&person, &labels);
+    let skeleton = Skeleton::of(&person.body);
+    let ratios = [(Ratio::Thigh, 1.25), (Ratio::Shank, 1.25)];
+    let way = |k: usize| DVec3::Z * (0.01 * k as f64);
+    let frames: Vec<Vec<DVec3>> =
+        (0..20).map(|k| fit::simulate(&skeleton, &seen, &[], &ratios).into_iter().map(|p| p + way(k)).collect()).collect();
+    let capture = take(&person, &labels, &frames, 0.0, 0.0);
+    let binding = bound(&person, &capture, &Options { align: Align::Retarget, ..Options::default() }).unwrap();
+    let (mut first, mut last, mut present) = (Vec::new(), Vec::new(), Vec::new());
+    binding.targets(binding.take(&capture), 0, &mut first, &mut present);
+    binding.targets(binding.take(&capture), 19, &mut last, &mut present);
+    for ((from, to), handle) in first.iter().zip(&last).zip(&binding.handles) {
+        let step = (*to - *from).length() / way(19).length();
+        assert!((step - 0.8).abs() < 0.02, "{}: {step}", handle.label);
+        if handle.segment.is_some_and(|s| matches!(s, Segment::LeftFoot | Segment::RightFoot)) {
+            let sunk = (*from - handle.attachment).dot(skeleton.up) / skeleton.stature;
+            assert!(sunk.abs() < 0.005, "{} is {sunk} off the floor", handle.label);
+        }
+    }
 }

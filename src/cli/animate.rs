@@ -467,6 +467,7 @@ fn bind(
             Align::None => binding::Align::None,
             Align::Similarity => binding::Align::Similarity,
             Align::Pose => binding::Align::Pose,
+            Align::Retarget => binding::Align::Retarget,
         },
         reference: match args.reference {
             Reference::Auto => binding::Reference::Auto,

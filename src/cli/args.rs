@@ -201,7 +201,7 @@ pub struct Animate {
 /// `--align`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Align {
-    /// Markers: similarity if the scan stands as the actor does in the reference frame, else pose. Skeletons: their joints turn the parts of the scan
+    /// Markers: similarity if the scan stands as the actor does in the reference frame, pose if it is his own, else retarget. Skeletons: their joints turn the parts of the scan
     Auto,
     /// The capture already is in the scan's space; only units are converted
     None,
@@ -209,6 +209,8 @@ pub enum Align {
     Similarity,
     /// One scale, rotation and shift; attachment points from an articulated fit
     Pose,
+    /// Every segment of the scan turns as the actor's does, on the scan's own lengths
+    Retarget,
 }
 
 /// `--map`.
