@@ -150,6 +150,8 @@ pub enum Evidence {
     Size,
     /// The user said so.
     User,
+    /// A rig file says so.
+    Rig,
     /// Nothing says so; a convention was used.
     Default,
 }
@@ -161,6 +163,7 @@ impl fmt::Display for Evidence {
             Evidence::Shape => "shape",
             Evidence::Size => "size",
             Evidence::User => "you",
+            Evidence::Rig => "rig file",
             Evidence::Default => "assumed",
         })
     }

@@ -270,3 +270,25 @@ fn a_table_of_handles_is_no_static_trial() {
     let output = retarget(work.path(), short(&["-o", "a.pc2", "--ref-file", "reach.csv"]));
     assert!(!output.status.success() && said(&output).contains("reach.csv: is a table of handles"), "{}", said(&output));
 }
+
+#[test]
+fn a_saved_rig_file_fed_back_gives_the_same_bytes() {
+    let work = tempfile::tempdir().unwrap();
+    let bytes = |name: &str| std::fs::read(work.path().join(name)).unwrap();
+    retarget_ok(work.path(), short(&["-o", "a.pc2", "--align", "retarget", "--save-rig", "rig.toml"]));
+    let text = retarget_ok(work.path(), short(&["-o", "b.pc2", "--rig", "rig.toml", "--save-rig", "again.toml"]));
+    assert!(text.contains("(rig file)"), "what came from the rig file says so:\n{text}");
+    assert_eq!(bytes("a.pc2"), bytes("b.pc2"));
+    assert_eq!(bytes("rig.toml"), bytes("again.toml"));
+
+    let saved = String::from_utf8(bytes("rig.toml")).unwrap();
+    std::fs::write(work.path().join("edited.toml"), format!("[markers]\nC7 = \"ignore\"\n{saved}")).unwrap();
+    let text = retarget_ok(work.path(), short(&["-o", "c.pc2", "--rig", "edited.toml"]));
+    assert!(text.contains("C7") && text.contains("left out by the rig file"), "{text}");
+    std::fs::write(work.path().join("wrong.toml"), saved.replace("[frozen]", "[space]\nyav = 3.0\n\n[frozen]")).unwrap();
+    let output = retarget(work.path(), short(&["-o", "d.pc2", "--rig", "wrong.toml"]));
+    assert_eq!(output.status.code(), Some(1));
+    let text = said(&output);
+    assert!(text.contains("wrong.toml") && text.contains("line 3") && text.contains("yaw?"), "{text}");
+    assert!(!work.path().join("d.pc2").exists());
+}

@@ -6,6 +6,7 @@ use super::labels::{self, Names, Part};
 use super::landmarks::{Body, NotHuman};
 use super::reference::{self, Chosen, Landed};
 use super::retarget::{self, Seen};
+use super::rig::{Frozen, Retargeted};
 use super::segments::{self, Segment, Side, Skeleton};
 use super::similarity::{Held, Similarity, upright};
 use super::track::Track;
@@ -68,7 +69,16 @@ pub fn bind(
     reference: Option<&Capture>,
     options: &Options,
 ) -> Result<Binding> {
-    let take = Take::of(capture, options);
+    let mut take = Take::of(capture, options);
+    if let Some(frozen) = &options.frozen {
+        return match (&capture.motion, frozen.joints()) {
+            (Motion::Markers(_), None) => frozen.bind(scan, &take, options),
+            (Motion::Skeleton(joints), Some(kept)) => skeletons::bind_again(scan, capture, joints, frozen, kept, options),
+            _ => Err(Error::refused(format!("the rig file's [frozen] is not of a capture of {}s", capture.motion.noun()))
+                .file(&capture.source)
+                .hint("a rig file without [frozen]")),
+        };
+    }
     if take.track.take.frames() == 0 {
         return Err(Error::refused("there is no marker to bind").file(&capture.source));
     }
@@ -106,6 +116,7 @@ pub fn bind(
         return skeletons::bind(scan, &body, capture, joints, reference, options, notes);
     }
     let skeleton = Skeleton::of(&body);
+    take.correct(options, Some(&skeleton));
     if options.align == Align::Auto
         && options.reference == Reference::Auto
         && reference.is_none()
@@ -130,7 +141,14 @@ impl<'a> Take<'a> {
         let take = capture.motion.points();
         let track = Track { take, mirror: options.mirror };
         let names = labels::name(&take.labels, &track.coverage(), options.swap_sides);
-        Self { capture, track, names }
+        let mut out = Self { capture, track, names };
+        out.correct(options, None);
+        out
+    }
+
+    /// Takes what the user says of markers.
+    fn correct(&mut self, options: &Options, body: Option<&Skeleton>) {
+        self.names.correct(&self.track.take.labels, &options.markers, body);
     }
 
     pub(super) fn range(&self) -> (i64, i64) {
@@ -146,6 +164,7 @@ impl<'a> Take<'a> {
     pub(super) fn twin(&self, marker: usize, other: &Take<'_>) -> Option<usize> {
         let by_place = self.names.places[marker]
             .as_ref()
+            .filter(|p| !p.is_nameless())
             .and_then(|p| other.names.iter().find(|(_, q)| q.landmark == p.landmark && q.side == p.side).map(|(i, _)| i));
         by_place.or_else(|| other.track.take.labels.iter().position(|l| l == self.label(marker)))
     }
@@ -159,6 +178,15 @@ fn oriented(body: Body, options: &Options) -> Body {
         body.forward = level.try_normalize().unwrap_or_else(|| body.up.any_orthonormal_vector());
     }
     body
+}
+
+/// The segments of a body at rest.
+pub(super) fn segment_places(body: &Skeleton) -> Vec<SegmentPlace> {
+    let place = |&segment: &Segment| {
+        let bone = body.bone(segment);
+        SegmentPlace { segment, from: bone.origin, to: bone.end }
+    };
+    Segment::ALL.iter().map(place).collect()
 }
 
 /// The unit of a scan from the user, its file, or the size of the body in it.
@@ -202,7 +230,11 @@ impl Human<'_> {
         };
 
         // The pose is read in the reference capture, the motion in the take.
-        let still = reference.map(|capture| Take::of(capture, options));
+        let still = reference.map(|capture| {
+            let mut still = Take::of(capture, options);
+            still.correct(options, Some(self.skeleton));
+            still
+        });
         let posed = still.as_ref().unwrap_or(self.take);
         if still.is_some() {
             checks::labels(posed)?;
@@ -252,7 +284,7 @@ impl Human<'_> {
         {
             notes.warn("no upper-body markers: the upper body moves with the pelvis");
         }
-        let mut binding = self.attach(posed, still.is_some(), &actor, &fit, align, held, factor, notes)?;
+        let (mut binding, kept) = self.attach(posed, still.is_some(), &actor, &fit, align, held, factor, notes)?;
         let diagonal = self.scan.unit_box.diagonal;
         let d = &mut binding.decisions;
         d.on_skin = own.is_some() && align == Align::Similarity;
@@ -260,6 +292,13 @@ impl Human<'_> {
         d.scan_up = Some(Known::new(self.body.up, if options.scan_up.is_some() { Evidence::User } else { Evidence::Shape }));
         d.scan_forward = Some(Known::new(self.body.forward, if options.flip { Evidence::User } else { Evidence::Shape }));
         d.scan_height = Some(self.body.stature * diagonal);
+        let retargeted = (align == Align::Retarget).then(|| Retargeted {
+            fit: &fit.fit,
+            clavicles: kept.clavicles,
+            seen: &kept.seen,
+            placement: kept.placement,
+        });
+        binding.frozen = Some(Frozen::of(&binding, self.take, Some(self.body), kept.start, retargeted.as_ref(), options.mirror));
         Ok(binding)
     }
 
@@ -390,7 +429,7 @@ impl Human<'_> {
         held: Held,
         factor: f64,
         mut notes: Notes,
-    ) -> Result<Binding> {
+    ) -> Result<(Binding, Kept)> {
         let take = self.take;
         let start = fitted.chosen.upright.placement;
         let frame = fitted.chosen.frame;
@@ -412,6 +451,10 @@ impl Human<'_> {
         let mut doubtful = Vec::new();
         for marker in 0..take.track.take.markers() {
             let label = take.label(marker).to_owned();
+            if self.options.is_ignored(&label) {
+                unbound.push((label, "left out by the rig file".to_owned()));
+                continue;
+            }
             let named = take.names.places[marker].as_ref().map(super::labels::Place::segment);
             let segment = match named {
                 Some(segment) => segment,
@@ -445,6 +488,7 @@ impl Human<'_> {
             let place = take.names.places[marker].as_ref();
             let shoulder = place.filter(|p| p.part == Part::Shoulder).map(|p| usize::from(p.side == Side::Right));
             let attachment = match align {
+                _ if place.is_some_and(|p| p.at.is_some()) => place.and_then(|p| p.at).unwrap_or(at),
                 Align::Similarity => at,
                 _ => fitted.fit.carry(self.skeleton, segment, at) - shoulder.map_or(DVec3::ZERO, |s| clavicles[s]),
             };
@@ -473,11 +517,12 @@ impl Human<'_> {
 
         let placement = self.place(align, actor, fitted, apart, &handles, held)?;
         let similarity = placement.similarity;
+        let size = fitted.fit.size;
+        let at_size = Similarity { scale: similarity.scale * size, translation: similarity.translation * size, ..similarity };
+        let kept = Kept { clavicles, seen, placement: if apart { at_size } else { start }, start: placement.frame };
         let trajectories = (align == Align::Retarget).then(|| {
-            let (size, first) = (fitted.fit.size, placement.frame);
-            let actor = Similarity { scale: similarity.scale * size, translation: similarity.translation * size, ..similarity };
-            let placement = if apart { actor } else { start };
-            retarget::trajectories(self.skeleton, &fitted.fit, &clavicles, &take.track, &placement, &handles, &seen, first)
+            let (fit, at) = (&fitted.fit, &kept.placement);
+            retarget::trajectories(self.skeleton, fit, &clavicles, &take.track, at, &handles, &kept.seen, kept.start)
         });
         let strain = match &trajectories {
             Some(own) => {
@@ -539,26 +584,21 @@ impl Human<'_> {
                 ));
             }
         }
-        let segments = Segment::ALL
-            .iter()
-            .map(|&segment| {
-                let bone = self.skeleton.bone(segment);
-                SegmentPlace { segment, from: bone.origin, to: bone.end }
-            })
-            .collect();
-        Ok(Binding {
+        let binding = Binding {
             placement: match trajectories {
                 Some(_) => Similarity::IDENTITY,
                 None => Similarity { mirror: self.options.mirror, ..similarity },
             },
             handles,
             unbound,
-            segments,
+            segments: segment_places(self.skeleton),
             trajectories,
             turning: Turning::default(),
             decisions,
+            frozen: None,
             notes,
-        })
+        };
+        Ok((binding, kept))
     }
 
     /// The placement of the whole take: scale from the fit, turn and shift from the handles of trunk and legs in the take's own frame
@@ -601,6 +641,14 @@ impl Human<'_> {
             .ok_or_else(|| Error::refused("fewer than three bound markers are there at once").file(&self.take.capture.source))?;
         Ok(Placed { similarity: placed.placement, yaw: placed.yaw, frame })
     }
+}
+
+/// What a retargeted take can be bound by again.
+struct Kept {
+    clavicles: [DVec3; 2],
+    seen: Vec<Seen>,
+    placement: Similarity,
+    start: usize,
 }
 
 struct Placed {

@@ -126,6 +126,7 @@ pub fn unbound(scan: &ScanShape<'_>, body: Option<&Body>, table: &HandleTable, o
         trajectories: None,
         turning: Turning::default(),
         decisions,
+        frozen: None,
         notes: Notes::default(),
     }
 }

@@ -1,6 +1,7 @@
 //! Marker labels → places on a body: the dictionary of marker names.
 
-use super::segments::{Segment, Side};
+use super::Marker;
+use super::segments::{Segment, Side, Skeleton};
 use glam::DVec3;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -37,6 +38,8 @@ pub(crate) struct Place {
     pub ray: DVec3,
     /// Trust in the place: 1 for a bony point, 0.5 for a soft one.
     pub weight: f64,
+    /// Where the user says that it is on the scan, in the unit box.
+    pub at: Option<DVec3>,
 }
 
 impl Place {
@@ -123,6 +126,68 @@ pub(crate) fn name(labels: &[String], coverage: &[usize], swap: bool) -> Names {
         }
     }
     Names { places, set: set.map(|set| set.name) }
+}
+
+/// Whether the dictionary knows a label.
+pub(crate) fn is_known(label: &str) -> bool {
+    DICTIONARY.look_up(label).is_some()
+}
+
+impl Names {
+    /// Takes what the user says of labels: other meanings, places on the scan, and none.
+    pub(crate) fn correct(&mut self, labels: &[String], markers: &BTreeMap<String, Marker>, body: Option<&Skeleton>) {
+        for (label, place) in labels.iter().zip(&mut self.places) {
+            match markers.get(label) {
+                None => {}
+                Some(Marker::Ignored) => *place = None,
+                Some(Marker::As(word)) => *place = DICTIONARY.look_up(word),
+                Some(Marker::At(at)) => match (place, body) {
+                    (Some(place), _) => place.at = Some(*at),
+                    (place, Some(body)) => *place = Some(Place::pinned(*at, body)),
+                    (_, None) => {}
+                },
+            }
+        }
+    }
+}
+
+/// Landmark of a place that only the user gives.
+const PINNED: &str = "pinned";
+
+impl Place {
+    /// Whether it is known by nothing but its place.
+    pub(crate) fn is_nameless(&self) -> bool {
+        self.landmark == PINNED
+    }
+
+    /// A place on the segment of the body that is nearest to a point.
+    fn pinned(at: DVec3, body: &Skeleton) -> Self {
+        let distance = |segment: Segment| {
+            let bone = body.bone(segment);
+            let along = ((at - bone.origin).dot(bone.axis) / bone.length).clamp(0.0, 1.0);
+            at.distance(bone.origin + bone.axis * bone.length * along)
+        };
+        let nearest = Segment::ALL.into_iter().min_by(|a, b| distance(*a).total_cmp(&distance(*b))).unwrap_or(Segment::Pelvis);
+        use Segment::*;
+        let (part, side) = match nearest {
+            Pelvis => (Part::Pelvis, Side::Middle),
+            Trunk => (Part::Trunk, Side::Middle),
+            Head => (Part::Head, Side::Middle),
+            LeftUpperArm => (Part::UpperArm, Side::Left),
+            LeftForearm => (Part::Forearm, Side::Left),
+            LeftHand => (Part::Hand, Side::Left),
+            LeftThigh => (Part::Thigh, Side::Left),
+            LeftShank => (Part::Shank, Side::Left),
+            LeftFoot => (Part::Foot, Side::Left),
+            RightUpperArm => (Part::UpperArm, Side::Right),
+            RightForearm => (Part::Forearm, Side::Right),
+            RightHand => (Part::Hand, Side::Right),
+            RightThigh => (Part::Thigh, Side::Right),
+            RightShank => (Part::Shank, Side::Right),
+            RightFoot => (Part::Foot, Side::Right),
+        };
+        Self { landmark: PINNED, part, side, t: 0.5, ray: DVec3::ZERO, weight: 1.0, at: Some(at) }
+    }
 }
 
 /// Drops subject prefixes: everything up to the last `:`, and a `Word_` or `Word.` that most labels share.
@@ -224,8 +289,15 @@ static DICTIONARY: LazyLock<Dictionary> = LazyLock::new(|| {
     let mut sided = BTreeMap::new();
     let mut whole = BTreeMap::new();
     for (landmark, entry) in &file.landmark {
-        let place =
-            Place { landmark, part: entry.segment, side: Side::Middle, t: entry.t, ray: entry.ray.into(), weight: entry.weight };
+        let place = Place {
+            landmark,
+            part: entry.segment,
+            side: Side::Middle,
+            t: entry.t,
+            ray: entry.ray.into(),
+            weight: entry.weight,
+            at: None,
+        };
         let map = if entry.sided { &mut sided } else { &mut whole };
         for name in &entry.names {
             map.insert(name.as_str(), place.clone());
@@ -241,8 +313,15 @@ static DICTIONARY: LazyLock<Dictionary> = LazyLock::new(|| {
                 .place
                 .iter()
                 .map(|(label, p)| {
-                    let place =
-                        Place { landmark: label, part: p.segment, side: p.side, t: p.t, ray: p.ray.into(), weight: entry.weight };
+                    let place = Place {
+                        landmark: label,
+                        part: p.segment,
+                        side: p.side,
+                        t: p.t,
+                        ray: p.ray.into(),
+                        weight: entry.weight,
+                        at: None,
+                    };
                     (label.as_str(), place)
                 })
                 .collect(),

@@ -18,6 +18,7 @@ mod raw;
 mod reference;
 pub mod regions;
 mod retarget;
+pub mod rig;
 mod segments;
 pub mod select;
 mod similarity;
@@ -36,6 +37,7 @@ pub use driven::Turning;
 pub use regions::{Regions, Rules};
 pub use segments::Segment;
 pub use similarity::Similarity;
+pub use skeletons::Role;
 
 use crate::capture::resample::Sampling;
 use crate::capture::{Capture, MarkerTake};
@@ -44,9 +46,13 @@ use crate::scan::{SurfaceMesh, UnitBox};
 use crate::space::{Axis, Space, Unit};
 use crate::spatial::TriangleTree;
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// How the capture is brought onto the scan.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Align {
     /// The plainest of the others that the data allow.
     #[default]
@@ -110,6 +116,38 @@ pub struct Options {
     pub capture_unit: Option<Unit>,
     /// Up axis of the capture.
     pub capture_up: Option<Axis>,
+    /// Markers whose places or meanings the user gives, by label.
+    pub markers: BTreeMap<String, Marker>,
+    /// Joints of a skeleton take whose meanings the user gives, by name.
+    pub joints: BTreeMap<String, Role>,
+    /// The decisions of another run.
+    pub frozen: Option<Arc<rig::Frozen>>,
+}
+
+/// What the user says of a marker.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Marker {
+    /// Where it sits on the scan, in the unit box.
+    At(DVec3),
+    /// It is what this label of the dictionary says.
+    As(String),
+    /// It pulls nothing.
+    Ignored,
+}
+
+impl Options {
+    /// Where the user says that a marker sits, in the unit box.
+    fn pinned(&self, label: &str) -> Option<DVec3> {
+        match self.markers.get(label) {
+            Some(Marker::At(place)) => Some(*place),
+            _ => None,
+        }
+    }
+
+    /// Whether the user leaves a marker out.
+    fn is_ignored(&self, label: &str) -> bool {
+        self.markers.get(label) == Some(&Marker::Ignored)
+    }
 }
 
 /// What the binding needs to know of a scan.
@@ -183,6 +221,8 @@ pub struct Binding {
     pub turning: Turning,
     /// All decisions, with their words.
     pub decisions: Decisions,
+    /// The same for the rig file, where they can be kept.
+    pub frozen: Option<rig::Frozen>,
     /// What was doubtful.
     pub notes: Notes,
 }

@@ -14,6 +14,9 @@ const SHEET_GAP: f64 = 0.03;
 
 /// The point where the place's ray from the segment axis leaves the scan, in the unit box.
 pub(crate) fn on_skin(place: &Place, body: &Skeleton, tree: &TriangleTree) -> DVec3 {
+    if let Some(at) = place.at {
+        return at;
+    }
     let height = body.stature;
     let sign = if place.side == Side::Right { -1.0 } else { 1.0 };
     let (out, fwd, along) = (place.ray.x, place.ray.y, place.ray.z);

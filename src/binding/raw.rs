@@ -3,9 +3,11 @@
 use super::actor::quantile;
 use super::bind::{Take, outside, scan_unit, unit_factor};
 use super::landmarks::Body;
+use super::rig::Frozen;
 use super::segments::Skeleton;
 use super::similarity::Similarity;
 use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, Turning, places, reference};
+use crate::capture::Motion;
 use crate::error::{Error, Notes, Result};
 use crate::space::{Evidence, Known, Unit};
 use glam::{DQuat, DVec3};
@@ -106,7 +108,11 @@ pub(super) fn bind_found(
             unbound.push((label.clone(), "not there in the reference frame".to_owned()));
             continue;
         };
-        let attachment = placement.apply(point);
+        if options.is_ignored(label) {
+            unbound.push((label.clone(), "left out by the rig file".to_owned()));
+            continue;
+        }
+        let attachment = options.pinned(label).unwrap_or_else(|| placement.apply(point));
         match outside(scan, attachment) {
             Some(far) => {
                 unbound.push((label.clone(), format!("{:.1} % of the diagonal outside the scan", 100.0 * far)));
@@ -172,7 +178,7 @@ pub(super) fn bind_found(
         proportions: Vec::new(),
         strain: None,
     };
-    Ok(Binding {
+    let mut binding = Binding {
         placement,
         segments: segments.collect(),
         handles,
@@ -180,8 +186,13 @@ pub(super) fn bind_found(
         trajectories: None,
         turning: Turning::default(),
         decisions,
+        frozen: None,
         notes,
-    })
+    };
+    if matches!(take.capture.motion, Motion::Markers(_)) {
+        binding.frozen = Some(Frozen::of(&binding, take, body, found.frame, None, options.mirror));
+    }
+    Ok(binding)
 }
 
 fn as_it_is(scan: &ScanShape<'_>, factor: f64, options: &Options) -> Similarity {

@@ -160,6 +160,7 @@ fn by_number(
         trajectories: None,
         turning: Turning::default(),
         decisions,
+        frozen: None,
         notes,
     })
 }

@@ -9,7 +9,7 @@ use crate::space::{Evidence, Known};
 use glam::DQuat;
 use std::f64::consts::TAU;
 
-const PLUG_IN_GAIT: [&str; 35] = [
+pub(super) const PLUG_IN_GAIT: [&str; 35] = [
     "LFHD", "RFHD", "LBHD", "RBHD", "C7", "T10", "CLAV", "STRN", "RBAK", "LSHO", "LELB", "LWRA", "LWRB", "LFIN", "RSHO", "RELB",
     "RWRA", "RWRB", "RFIN", "LASI", "RASI", "LPSI", "RPSI", "LTHI", "LKNE", "LTIB", "LANK", "LHEE", "LTOE", "RTHI", "RKNE",
     "RTIB", "RANK", "RHEE", "RTOE",
@@ -105,7 +105,7 @@ fn add_capsule(points: &mut Vec<DVec3>, triangles: &mut Vec<[u32; 3]>, a: DVec3,
 }
 
 /// The landmarks of labels on a person, as observations.
-fn landmarks_of(person: &Person, labels: &[String]) -> Vec<Observation> {
+pub(super) fn landmarks_of(person: &Person, labels: &[String]) -> Vec<Observation> {
     let skeleton = Skeleton::of(&person.body);
     let named = labels::name(labels, &vec![1; labels.len()], false);
     named
@@ -119,12 +119,12 @@ fn landmarks_of(person: &Person, labels: &[String]) -> Vec<Observation> {
         .collect()
 }
 
-fn labels_of(words: &[&str]) -> Vec<String> {
+pub(super) fn labels_of(words: &[&str]) -> Vec<String> {
     words.iter().map(|&w| w.to_owned()).collect()
 }
 
 /// Frames of markers in millimetres, z up, turned by `yaw` about up and shifted; noise of `noise` millimetres.
-fn take(person: &Person, labels: &[String], frames: &[Vec<DVec3>], yaw: f64, noise: f64) -> Capture {
+pub(super) fn take(person: &Person, labels: &[String], frames: &[Vec<DVec3>], yaw: f64, noise: f64) -> Capture {
     let to_capture = DQuat::from_axis_angle(DVec3::Z, yaw) * similarity::turn_between(DVec3::Y, DVec3::Z);
     let mut seed = 12345u64;
     let mut random = || {
@@ -151,7 +151,7 @@ fn take(person: &Person, labels: &[String], frames: &[Vec<DVec3>], yaw: f64, noi
     }
 }
 
-fn bound(person: &Person, capture: &Capture, options: &Options) -> Result<Binding> {
+pub(super) fn bound(person: &Person, capture: &Capture, options: &Options) -> Result<Binding> {
     let space = Space::default();
     let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space, mesh: None };
     bind(&scan, Ok(person.body.clone()), capture, None, options)
@@ -414,7 +414,7 @@ fn legs_much_longer_than_the_scans_are_named() {
 }
 
 /// Turns of a person who walks on the spot, swings the arms and nods.
-fn stride(k: usize) -> [(Segment, DVec3); 8] {
+pub(super) fn stride(k: usize) -> [(Segment, DVec3); 8] {
     let swing = (k as f64 * 0.35).sin();
     [
         (Segment::Trunk, DVec3::Y * 0.2 * swing),

@@ -1,6 +1,6 @@
 //! The main job: read, decide, set up, run, sum up.
 
-use super::args::{Align, Animate, Reference};
+use super::args::Animate;
 use super::console::Console;
 use super::decisions::{
     bind_line, binding_details, binding_json, capture_line, cut, done_line, file_name, oriented_json, outcome_warnings,
@@ -8,6 +8,7 @@ use super::decisions::{
 };
 use super::outputs;
 use super::picture::{self, Bound};
+use super::rig::Rig;
 use crate::binding::regions::Subject;
 use crate::binding::select::Hold;
 use crate::binding::{self, Binding, Regions, Rules, ScanShape, driven, landmarks};
@@ -73,7 +74,8 @@ impl Setup {
     fn make(args: &Animate, console: &Console, cancel: &Cancel, start: Instant) -> Result<Self> {
         let mut clock = Clock { last: start, laps: Vec::new() };
         let mut warnings = Vec::new();
-        let (scan, captures) = rayon::join(|| scan::read(&args.scan), || read_captures(args));
+        let rig = Rig::read(args)?;
+        let (scan, captures) = rayon::join(|| scan::read(&args.scan), || read_captures(args, &rig));
         let (scan, mut captures) = (scan?, captures?);
         clock.lap("read");
         cancel.check()?;
@@ -90,7 +92,7 @@ impl Setup {
         let triangles = scan.mesh.vertex_triangles();
         let (built, bound) = rayon::join(
             || body(args, &scan, unit_box, &points, &triangles, cancel),
-            || bind(args, &scan, unit_box, &points, &triangles, &mut captures),
+            || bind(args, &scan, unit_box, &points, &triangles, &mut captures, &rig),
         );
         let mut binding = bound?;
         let (mut capture, reference) = (captures.capture, captures.reference);
@@ -110,6 +112,7 @@ impl Setup {
         let (proxy, remarks, notes, joined) = built?;
         console.station("proxy", &remarks);
         warn(console, &mut warnings, &notes);
+        rig.save(args, &scan, &binding)?;
         clock.lap("bind and proxy");
         if let Some(path) = &args.picture {
             let reference = reference.as_ref().unwrap_or(&capture);
@@ -125,7 +128,7 @@ impl Setup {
         let (mut proxy, mut handles, mut oriented, mut regions) = (proxy, Vec::new(), Vec::new(), Regions::default());
         for _ in 0..2 {
             let subject = Subject::new(&scan, &points, unit_box, &proxy, &binding);
-            regions = Regions::new(&subject, &rules(args, &binding))?;
+            regions = Regions::new(&subject, &rules(args, &rig, &binding))?;
             handles = attach(&proxy, &binding, &regions, args);
             oriented = grips::grips(&subject, &binding.turning.handles, &holdings(args))?;
             let Some(held) = held_components(&proxy, &handles, &oriented) else { break };
@@ -322,7 +325,7 @@ pub(super) fn is_table(path: &Path) -> bool {
     capture::is_handle_table(path)
 }
 
-fn read_captures(args: &Animate) -> Result<Captures> {
+fn read_captures(args: &Animate, rig: &Rig) -> Result<Captures> {
     let options = ReadOptions {
         subject: args.subject.clone(),
         rate: args.rate,
@@ -342,7 +345,7 @@ fn read_captures(args: &Animate) -> Result<Captures> {
         capture::read(&args.capture, &options)?
     };
     tables.extend(args.handles.as_ref().map(|path| HandleTable::read(path)).transpose()?);
-    let reference = args.ref_file.as_ref().map(|path| read_reference(path, &options)).transpose()?;
+    let reference = rig.reference(args).map(|path| read_reference(&path, &options)).transpose()?;
     Ok(Captures { capture, reference, tables })
 }
 
@@ -357,8 +360,9 @@ fn holdings(args: &Animate) -> Vec<Holding> {
 }
 
 /// What is rigid or stiffer. A fixed count of plain iterations is for the energy as it was published.
-fn rules(args: &Animate, binding: &Binding) -> Rules {
+fn rules(args: &Animate, rig: &Rig, binding: &Binding) -> Rules {
     let mut rules = if args.iterations.is_some() { Rules::default() } else { Rules::of_body(binding) };
+    rig.rules(&mut rules);
     args.stiffness.iter().for_each(|rule| rules.stiffness(rule.clone()));
     args.rigid.iter().for_each(|what| rules.rigid(what.clone()));
     rules
@@ -458,38 +462,23 @@ fn bind(
     points: &[DVec3],
     triangles: &[[u32; 3]],
     captures: &mut Captures,
+    rig: &Rig,
 ) -> Result<Binding> {
     let tree = TriangleTree::new(points, triangles);
     let shape = ScanShape { tree: &tree, unit_box, space: &scan.space, mesh: Some(&scan.mesh) };
-    let options = binding::Options {
-        align: match args.align {
-            Align::Auto => binding::Align::Auto,
-            Align::None => binding::Align::None,
-            Align::Similarity => binding::Align::Similarity,
-            Align::Pose => binding::Align::Pose,
-            Align::Retarget => binding::Align::Retarget,
-        },
-        reference: match args.reference {
-            Reference::Auto => binding::Reference::Auto,
-            Reference::Frame(n) => binding::Reference::Frame(n),
-        },
-        yaw: args.yaw,
-        flip: args.flip,
-        scale: args.scale,
-        accept_doubtful: args.accept_doubtful,
-        mirror: args.mirror,
-        swap_sides: args.swap_sides,
-        scan_unit: args.scan_unit,
-        scan_up: args.scan_up,
-        capture_unit: args.capture_unit,
-        capture_up: args.capture_up,
+    let mut notes = Notes::default();
+    let options = rig.options(args, scan, unit_box, &mut notes)?;
+    let places = rig.landmarks(scan, unit_box)?;
+    let body = match options.frozen.as_ref().and_then(|frozen| frozen.body()) {
+        Some(body) => Ok(body),
+        None => landmarks::told(landmarks::find(points, triangles), &places, points),
     };
-    let body = landmarks::find(points, triangles);
     let mut binding = match captures.tables.first().filter(|_| is_table(&args.capture)) {
         Some(table) => driven::unbound(&shape, body.as_ref().ok(), table, &options),
         None => binding::bind(&shape, body, &captures.capture, captures.reference.as_ref(), &options)
             .map_err(|e| if e.file.is_none() { e.file(&scan.source) } else { e })?,
     };
+    notes.iter().for_each(|text| binding.notes.warn(text));
     let holds: Vec<Hold> = args.hold.iter().chain(&args.hold_exact).cloned().collect();
     for table in &captures.tables {
         driven::add_handles(&shape, &mut captures.capture, &mut binding, table, &holds)?;

@@ -1,5 +1,6 @@
 //! The arguments as typed: strings checked and turned into values, nothing opened yet.
 
+use crate::binding;
 use crate::binding::select::{Hold, Selector, Stiffness};
 use crate::deform::volumetric::Options;
 use crate::proxy::rows::MapKind;
@@ -129,6 +130,13 @@ pub struct Animate {
     /// The skeleton of an AMC capture (default: found beside it)
     #[arg(long, hide_short_help = true, value_name = "FILE.asf", help_heading = "Capture")]
     pub skeleton: Option<PathBuf>,
+    /// What you say once and keep of a scan and its captures: units, axes, meanings of labels, joints of the scan, rigid parts, and the decisions
+    /// that --save-rig wrote (TOML; the command line wins)
+    #[arg(long, value_name = "FILE.toml", help_heading = "Placement")]
+    pub rig: Option<PathBuf>,
+    /// Write all decisions of this run, to be edited and fed back with --rig for this and other takes of the same actor
+    #[arg(long, value_name = "FILE.toml", help_heading = "Placement")]
+    pub save_rig: Option<PathBuf>,
     /// Size of the scan against the captured body, both in metres (1 = the same), instead of fitting it
     #[arg(long, hide_short_help = true, value_name = "X", value_parser = parse_positive, help_heading = "Placement")]
     pub scale: Option<f64>,
@@ -220,6 +228,18 @@ pub enum Map {
     Ring,
     /// Stoll et al. 2007, (2.9)-(2.12)
     Paper,
+}
+
+impl From<Align> for binding::Align {
+    fn from(align: Align) -> Self {
+        match align {
+            Align::Auto => Self::Auto,
+            Align::None => Self::None,
+            Align::Similarity => Self::Similarity,
+            Align::Pose => Self::Pose,
+            Align::Retarget => Self::Retarget,
+        }
+    }
 }
 
 impl From<Map> for MapKind {

@@ -7,6 +7,7 @@ mod decisions;
 mod inspect;
 mod outputs;
 mod picture;
+mod rig;
 
 use args::{Cli, Command};
 use clap::Parser;

@@ -14,10 +14,13 @@ const FORMATS: &str = "one of .glb, .pc2, or .ply or .obj with a run of # for th
 /// exists (without `--force`) or whose folder is missing.
 pub(super) fn sinks(args: &Animate) -> Result<Vec<Box<dyn FrameSink>>> {
     let inputs: Vec<&PathBuf> =
-        [Some(&args.scan), Some(&args.capture), args.ref_file.as_ref(), args.proxy.as_ref()].into_iter().flatten().collect();
+        [Some(&args.scan), Some(&args.capture), args.ref_file.as_ref(), args.proxy.as_ref(), args.rig.as_ref()]
+            .into_iter()
+            .flatten()
+            .collect();
     let mut seen: Vec<PathBuf> = Vec::new();
     let mut sinks = Vec::new();
-    for path in args.out.iter().chain(&args.report).chain(&args.save_proxy).chain(&args.picture) {
+    for path in args.out.iter().chain(&args.report).chain(&args.save_proxy).chain(&args.picture).chain(&args.save_rig) {
         let whole = absolute(path);
         if seen.iter().any(|other| *other == whole || same_frames(other, &whole)) {
             return Err(Error::new(Kind::Usage, "this output is named twice")

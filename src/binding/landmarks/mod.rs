@@ -16,13 +16,18 @@ mod pieces;
 mod skeleton;
 #[cfg(test)]
 mod tests;
+mod told;
 mod voxels;
 
+pub use told::told;
+
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 use voxels::Solid;
 
 /// The places of a body that the binding needs. Left and right are the body's own.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 #[allow(missing_docs)]
 pub enum Joint {
     MidHip,
@@ -50,6 +55,33 @@ pub enum Joint {
 impl Joint {
     /// Number of joints; `joint as usize` is its index.
     pub const COUNT: usize = 20;
+
+    /// All joints in order.
+    pub const ALL: [Joint; Self::COUNT] = {
+        use Joint::*;
+        [
+            MidHip,
+            Neck,
+            Head,
+            Crown,
+            LeftShoulder,
+            LeftElbow,
+            LeftWrist,
+            LeftHandTip,
+            RightShoulder,
+            RightElbow,
+            RightWrist,
+            RightHandTip,
+            LeftHip,
+            LeftKnee,
+            LeftAnkle,
+            LeftToe,
+            RightHip,
+            RightKnee,
+            RightAnkle,
+            RightToe,
+        ]
+    };
 }
 
 /// A human body as its scan shows it, in the unit box of the scan.

@@ -1,8 +1,9 @@
 //! Which joint of a skeleton plays which part in a human body.
 
-use super::names::{self, Meaning, Word};
+use super::names::{self, Meaning, Role, Word};
 use super::rig::Rig;
 use crate::binding::segments::Side;
+use std::collections::BTreeMap;
 
 /// Joints of an arm, by index in the take.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,9 +53,9 @@ impl Cast {
 }
 
 /// The parts by the joints' names; what is missing, in words, where they do not make a body.
-pub(super) fn by_names(rig: &Rig<'_>, swap: bool) -> Result<Cast, Vec<String>> {
+pub(super) fn by_names(rig: &Rig<'_>, swap: bool, roles: &BTreeMap<String, Role>) -> Result<Cast, Vec<String>> {
     let names: Vec<&str> = rig.take.joints.iter().map(|j| j.name.as_str()).collect();
-    let meanings = names::read(&names, swap);
+    let meanings = names::read(&names, swap, roles);
     let named = rig.take.joints.iter().zip(&meanings).filter(|(joint, meaning)| !joint.end && meaning.is_some()).count();
     let book = Book { rig, meanings: &meanings };
     let mut missing = Vec::new();

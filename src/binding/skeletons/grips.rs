@@ -39,7 +39,7 @@ impl Builder<'_> {
     /// Points on the skin round a segment's axis at `t`.
     fn ring(&mut self, name: &str, stretch: Stretch, side: Side, t: f64, part: Part, directions: &[(&str, [f64; 3])]) {
         for (word, ray) in directions {
-            let place = Place { landmark: "", part: stretch, side, t, ray: DVec3::from(*ray), weight: 1.0 };
+            let place = Place { landmark: "", part: stretch, side, t, ray: DVec3::from(*ray), weight: 1.0, at: None };
             let rest = places::on_skin(&place, self.body, self.tree);
             self.inside(format!("{name} {:.0} {word}", 100.0 * t), rest, part, place.segment());
         }

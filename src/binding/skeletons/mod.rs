@@ -16,19 +16,21 @@ mod stance;
 #[allow(clippy::unwrap_used)]
 mod tests;
 
-use super::bind::{scan_unit, unit_factor};
+use super::bind::{scan_unit, segment_places, unit_factor};
 use super::landmarks::Body;
 use super::reference::frame_index;
+use super::rig::{Frozen, FrozenJoints};
 use super::segments::{Segment, Skeleton};
 use super::similarity::{Similarity, turn_between};
 use super::track::Track;
-use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, Turning, actor, refuse};
+use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, Turning, actor, refuse};
 use crate::capture::{Capture, MarkerTake, SkeletonTake};
 use crate::error::{Error, Notes, Result};
 use crate::space::{Evidence, Known};
 use cast::Cast;
 use glam::{DQuat, DVec3};
 use grips::Grip;
+pub use names::Role;
 use neutral::{Nearness, Neutral};
 use puppet::{BALL, Part, Puppet};
 use rig::{Pose, Rig};
@@ -97,6 +99,7 @@ pub(super) fn bind(
     puppet.scale = options.scale.map_or((thigh + shank) / stance.leg, |s| s * factor / diagonal);
     let yaw =
         place(&mut puppet, &skeleton, frame, up, options).ok_or_else(|| in_file(Error::refused("the pelvis has no turn")))?;
+    let kept = puppet.keep(rest.is_some());
     let grips = grips::all(&puppet, &skeleton, scan.tree);
     let trajectories = animate(&mut puppet, &skeleton, &grips, rig.frames());
 
@@ -127,11 +130,7 @@ pub(super) fn bind(
         ));
     }
     let known = |value, user: bool| Some(Known::new(value, if user { Evidence::User } else { Evidence::Shape }));
-    let handles: Vec<BoundMarker> = grips
-        .into_iter()
-        .enumerate()
-        .map(|(marker, g)| BoundMarker { label: g.label, marker, attachment: g.rest, segment: Some(g.segment), beta: 1.0 })
-        .collect();
+    let handles = handles_of(grips);
     let decisions = Decisions {
         align: Align::Retarget,
         noun: "joint",
@@ -158,16 +157,76 @@ pub(super) fn bind(
         proportions,
         strain: None,
     };
-    let segments = Segment::ALL.map(|segment| {
-        let bone = skeleton.bone(segment);
-        SegmentPlace { segment, from: bone.origin, to: bone.end }
-    });
+    let frozen = Frozen::of_joints(&decisions, capture, body, frame, kept, options.mirror);
     Ok(Binding {
         placement: Similarity::IDENTITY,
         handles,
         unbound: Vec::new(),
-        segments: segments.to_vec(),
+        segments: segment_places(&skeleton),
         decisions,
+        frozen: Some(frozen),
+        trajectories: Some(trajectories),
+        turning: Turning::default(),
+        notes,
+    })
+}
+
+fn handles_of(grips: Vec<Grip>) -> Vec<BoundMarker> {
+    let handle = |(marker, g): (usize, Grip)| BoundMarker {
+        label: g.label,
+        marker,
+        attachment: g.rest,
+        segment: Some(g.segment),
+        beta: 1.0,
+    };
+    grips.into_iter().enumerate().map(handle).collect()
+}
+
+/// Binds a take of the same skeleton by what was decided.
+///
+/// # Errors
+/// Another skeleton.
+pub(super) fn bind_again(
+    scan: &ScanShape<'_>,
+    capture: &Capture,
+    take: &SkeletonTake,
+    frozen: &Frozen,
+    kept: &FrozenJoints,
+    options: &Options,
+) -> Result<Binding> {
+    let other = |what: &str| {
+        Error::refused(format!("{what} that the rig file was made from"))
+            .file(&capture.source)
+            .hint("a rig file without [frozen], or one that was made from a capture of this skeleton")
+    };
+    let mut notes = Notes::default();
+    frozen.check_scan(scan, &mut notes);
+    let body = frozen.body().ok_or_else(|| other("the scan is not the one"))?;
+    let skeleton = Skeleton::of(&body);
+    let rig = Rig { take, mirror: frozen.mirror() };
+    let (cast, _) = recognise(&rig, options, &mut notes).map_err(|e| e.file(&capture.source))?;
+    if cast.spine.len() != kept.spine.len() {
+        return Err(other("the spine has not as many joints as that"));
+    }
+    let neutral = Neutral::kept(kept);
+    let mut puppet = Puppet::again(rig, &cast, &skeleton, &neutral, kept);
+    let grips = grips::all(&puppet, &skeleton, scan.tree);
+    let trajectories = animate(&mut puppet, &skeleton, &grips, rig.frames());
+    let handles = handles_of(grips);
+    let decisions = Decisions {
+        set: cast.family,
+        named: if cast.by_form { 0 } else { cast.named },
+        markers: take.joints.iter().filter(|j| !j.end).count(),
+        bound: handles.len(),
+        ..frozen.decisions(scan, capture)
+    };
+    Ok(Binding {
+        placement: Similarity::IDENTITY,
+        handles,
+        unbound: Vec::new(),
+        segments: segment_places(&skeleton),
+        decisions,
+        frozen: Some(frozen.clone()),
         trajectories: Some(trajectories),
         turning: Turning::default(),
         notes,
@@ -217,7 +276,7 @@ pub(super) fn bind_own(
 /// Whether left and up of a person's joints are those of the body; joints that are no person's do not tell.
 fn stands_alike(rig: &Rig<'_>, body: &Body, pose: Pose, options: &Options) -> bool {
     let skeleton = Skeleton::of(body);
-    let cast = cast::by_names(rig, options.swap_sides).ok().or_else(|| form::cast(rig, options.swap_sides));
+    let cast = cast::by_names(rig, options.swap_sides, &options.joints).ok().or_else(|| form::cast(rig, options.swap_sides));
     let Some(cast) = cast else { return true };
     let left = stance::leftwards(rig, &cast, pose, skeleton.up);
     let trunk = stance::shoulders(rig, &cast, pose).zip(stance::hips(rig, &cast, pose));
@@ -232,7 +291,7 @@ fn recognise(rig: &Rig<'_>, options: &Options, notes: &mut Notes) -> Result<(Cas
             .expected("a person's skeleton: pelvis, chest, and on both sides shoulder, elbow, wrist, hip, knee and ankle")
             .hint("a skeleton with the usual names (Hips, LeftArm, LeftForeArm, …); --align none when it lies in the scan")
     };
-    let mut cast = match cast::by_names(rig, options.swap_sides) {
+    let mut cast = match cast::by_names(rig, options.swap_sides, &options.joints) {
         Ok(cast) => cast,
         Err(missing) => {
             let missing = missing.join(", no ");

@@ -2,7 +2,10 @@
 
 use crate::binding::segments::Side;
 use serde::Deserialize;
+use serde::de::IntoDeserializer;
 use std::collections::BTreeMap;
+use std::fmt;
+use std::str::FromStr;
 use std::sync::LazyLock;
 
 /// What the dictionary takes a joint's name for. `SomeShoulder` and `SomeHip` mean one joint or another, after the rest of the side.
@@ -30,6 +33,40 @@ pub(super) enum Word {
     ToeEnd,
 }
 
+/// What a person says that a joint is: `left elbow`, `pelvis`, `spine_mid`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Role {
+    text: String,
+    word: Word,
+    side: Side,
+}
+
+impl fmt::Display for Role {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text)
+    }
+}
+
+impl FromStr for Role {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (side, rest) = match text.split_once(' ') {
+            Some(("left", rest)) => (Side::Left, rest),
+            Some(("right", rest)) => (Side::Right, rest),
+            _ => (Side::Middle, text),
+        };
+        type Plain = serde::de::value::Error;
+        let word = Word::deserialize(IntoDeserializer::<Plain>::into_deserializer(rest)).map_err(|e| format!("'{rest}': {e}"))?;
+        let sided = DICTIONARY.sided.values().any(|&w| w == word);
+        if sided != (side != Side::Middle) {
+            let form = if sided { "left or right before it" } else { "no side before it" };
+            return Err(format!("'{text}': {rest} has {form}"));
+        }
+        Ok(Self { text: text.to_owned(), word, side })
+    }
+}
+
 /// A name that the dictionary knows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Meaning {
@@ -39,13 +76,26 @@ pub(super) struct Meaning {
     pub core: String,
 }
 
-/// Meanings of names; `None` where the dictionary knows none. `swap` exchanges left and right.
-pub(super) fn read(names: &[&str], swap: bool) -> Vec<Option<Meaning>> {
+/// Meanings of names; `None` where the dictionary knows none. `swap` exchanges left and right; `roles` are the user's own.
+pub(super) fn read(names: &[&str], swap: bool, roles: &BTreeMap<String, Role>) -> Vec<Option<Meaning>> {
     let table = &*DICTIONARY;
     let mut out: Vec<Option<Meaning>> = names.iter().map(|name| table.look_up(name)).collect();
     if swap {
         for meaning in out.iter_mut().flatten() {
             meaning.side = meaning.side.other();
+        }
+    }
+    for (name, meaning) in names.iter().zip(&mut out) {
+        if let Some(role) = roles.get(*name) {
+            *meaning = Some(Meaning { word: role.word, side: role.side, core: String::new() });
+        }
+    }
+    // Of several joints of one meaning the user's is the one.
+    for role in roles.values() {
+        for (name, meaning) in names.iter().zip(&mut out) {
+            if !roles.contains_key(*name) && meaning.as_ref().is_some_and(|m| m.word == role.word && m.side == role.side) {
+                *meaning = None;
+            }
         }
     }
     out
@@ -173,7 +223,7 @@ mod tests {
             ("RightFoot_End", Word::Toe, Right),
             ("LeftHand_End", Word::HandEnd, Left),
         ] {
-            let meaning = read(&[name], false).pop().flatten();
+            let meaning = read(&[name], false, &BTreeMap::new()).pop().flatten();
             assert_eq!(meaning.map(|m| (m.word, m.side)), Some((word, side)), "{name}");
         }
     }
@@ -181,7 +231,7 @@ mod tests {
     #[test]
     fn words_that_name_no_joint_of_the_body_mean_nothing() {
         for name in ["", "LeftHandThumb1", "tail_02", "b", "left", "Bone.003", "orbicularis03.L", "LeftEye"] {
-            assert_eq!(read(&[name], false), [None], "{name}");
+            assert_eq!(read(&[name], false, &BTreeMap::new()), [None], "{name}");
         }
     }
 
@@ -207,7 +257,7 @@ mod tests {
 
     #[test]
     fn swapped_sides_change_places() {
-        let meaning = read(&["LeftHand"], true).pop().flatten();
+        let meaning = read(&["LeftHand"], true, &BTreeMap::new()).pop().flatten();
         assert_eq!(meaning.map(|m| m.side), Some(Side::Right));
     }
 }

@@ -8,6 +8,7 @@ use super::cast::Cast;
 use super::rig::{Pose, Rig};
 use super::stance::{hips, leftwards, shoulders};
 use crate::binding::actor::quantile;
+use crate::binding::rig::FrozenJoints;
 use crate::binding::segments::{Segment, Skeleton};
 use crate::binding::similarity::turn_between;
 use glam::{DMat3, DQuat, DVec3};
@@ -219,6 +220,18 @@ impl Neutral {
             legs[side][3] = joints.toe.map_or(Some(legs[side][2]), |j| into(j, foot))?;
         }
         Some(Self { spine, neck, head, arms, legs })
+    }
+
+    /// The turns that were kept.
+    pub(super) fn kept(kept: &FrozenJoints) -> Self {
+        let turn = DQuat::from_array;
+        Self {
+            spine: kept.spine.iter().copied().map(turn).collect(),
+            neck: turn(kept.neck),
+            head: turn(kept.head),
+            arms: kept.arms.map(|arm| arm.map(turn)),
+            legs: kept.legs.map(|leg| leg.map(turn)),
+        }
     }
 }
 

@@ -244,6 +244,7 @@ pub(super) fn bind(
         trajectories: Some(MarkerTake { labels: grips.into_iter().map(|g| g.label).collect(), points, ..MarkerTake::default() }),
         turning: Turning::default(),
         decisions,
+        frozen: None,
         notes,
     })
 }

@@ -4,6 +4,7 @@ use super::cast::Cast;
 use super::neutral::Neutral;
 use super::rig::{Pose, Rig};
 use super::stance::{hips, shoulders};
+use crate::binding::rig::FrozenJoints;
 use crate::binding::segments::{Segment, Skeleton};
 use glam::{DQuat, DVec3};
 
@@ -69,6 +70,41 @@ impl<'a> Puppet<'a> {
         let shoulders = [0, 1].map(|side| shoulder(&rig, cast, pose, side));
         let begins = begins(&rig, cast, pose);
         Self { rig, cast, body, neutral, turn: DQuat::IDENTITY, scale: 1.0, shift: DVec3::ZERO, begins, shoulders }
+    }
+
+    /// How the joints carry the parts, to be kept; `rest`: the pose of `neutral` is the file's rest.
+    pub(super) fn keep(&self, rest: bool) -> FrozenJoints {
+        let neutral = self.neutral;
+        let turn = |q: DQuat| q.to_array();
+        FrozenJoints {
+            rest,
+            turn: turn(self.turn),
+            scale: self.scale,
+            shift: self.shift.to_array(),
+            begins: self.begins.clone(),
+            left_shoulder: self.shoulders[0].map(|p| p.to_array()),
+            right_shoulder: self.shoulders[1].map(|p| p.to_array()),
+            spine: neutral.spine.iter().copied().map(turn).collect(),
+            neck: turn(neutral.neck),
+            head: turn(neutral.head),
+            arms: neutral.arms.map(|arm| arm.map(turn)),
+            legs: neutral.legs.map(|leg| leg.map(turn)),
+        }
+    }
+
+    /// The puppet that was kept. `neutral`: of the same, see [`Neutral::kept`].
+    pub(super) fn again(rig: Rig<'a>, cast: &'a Cast, body: &'a Skeleton, neutral: &'a Neutral, kept: &FrozenJoints) -> Self {
+        Self {
+            rig,
+            cast,
+            body,
+            neutral,
+            turn: DQuat::from_array(kept.turn),
+            scale: kept.scale,
+            shift: DVec3::from(kept.shift),
+            begins: kept.begins.clone(),
+            shoulders: [kept.left_shoulder, kept.right_shoulder].map(|p| p.map(DVec3::from)),
+        }
     }
 
     /// The part of the trunk at a share of the way from hips to neck.

@@ -7,6 +7,7 @@ use crate::capture::{Joint, Motion};
 use crate::error::Kind;
 use crate::space::{Axis, Space, Unit};
 use glam::DMat3;
+use std::collections::BTreeMap;
 
 /// Name, parent, and landmark or place in metres (y up, facing +z, left is +x).
 type Made = (&'static str, Option<&'static str>, At);
@@ -318,7 +319,7 @@ fn hips_in_one_point_are_a_link_more() {
     }
     let capture = actor.capture(&Bend::default(), &exercise());
     let Motion::Skeleton(take) = &capture.motion else { unreachable!() };
-    let cast = cast::by_names(&Rig { take, mirror: false }, false).unwrap();
+    let cast = cast::by_names(&Rig { take, mirror: false }, false, &BTreeMap::new()).unwrap();
     assert_eq!(take.joints[cast.legs[0].hip].name, "LeftUpLeg");
     assert_eq!(take.joints[cast.pelvis()].name, "Hips");
 }
@@ -489,7 +490,7 @@ fn nameless_joints_are_told_by_their_form() {
         take.joints.iter_mut().zip(&actor.names).for_each(|(joint, name)| joint.name.clone_from(name));
     }
     let rig = |take| Rig { take, mirror: false };
-    let by_name = cast::by_names(&rig(&take), false).unwrap();
+    let by_name = cast::by_names(&rig(&take), false, &BTreeMap::new()).unwrap();
     let Motion::Skeleton(take) = &nameless.motion else { unreachable!() };
     let by_form = form::cast(&rig(take), false).unwrap();
     assert_eq!(by_form.arms, by_name.arms);

@@ -1,0 +1,219 @@
+//! The rig file: what a person says once about a scan and a capture, and what a run decided, to be edited and fed back.
+//!
+//! TOML; every section may be left out:
+//!
+//! | section | says |
+//! |---|---|
+//! | `[space]` | `scan_unit`, `scan_up`, `capture_unit`, `capture_up`, `scale`, `yaw`, `flip`, `mirror`, `swap_sides`: as the options of these names |
+//! | `[reference]` | `frame`, or `file` of a static trial, beside the rig file unless absolute |
+//! | `[markers]` | label = another label that the dictionary knows, `"ignore"`, a vertex of the scan, or a place `[x, y, z]` in its coordinates |
+//! | `[landmarks]` | joint of the scan (`left_shoulder`, `crown`, …) = a vertex or a place |
+//! | `[skeleton]` | joint of the capture = what it is (`"left elbow"`, `"pelvis"`, …) |
+//! | `[[group]]` | `what` (as `--rigid` takes it), with `rigid = true` or `stiffness = X` |
+//! | `[frozen]` | the decisions of one run, see [`Frozen`] |
+//!
+//! What the command line says wins over the file.
+
+mod frozen;
+mod spot;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;
+
+pub use frozen::Frozen;
+pub(super) use frozen::{FrozenJoints, Retargeted};
+pub use spot::{Pin, Spot};
+
+use super::Role;
+use super::landmarks::Joint;
+use super::select::{Selector, Stiffness};
+use crate::error::{Error, Result};
+use crate::space::{Axis, Unit};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use std::collections::BTreeMap;
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+/// Bytes that a rig file may have; what a person writes is a thousandth of it.
+const MOST: u64 = 16 << 20;
+
+/// A rig file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RigFile {
+    /// Units, axes and sides.
+    #[serde(skip_serializing_if = "is_default")]
+    pub space: SpaceSection,
+    /// Where the reference frame is.
+    #[serde(skip_serializing_if = "is_default")]
+    pub reference: ReferenceSection,
+    /// What labels mean.
+    #[serde(skip_serializing_if = "is_default")]
+    pub markers: BTreeMap<String, Pin>,
+    /// Joints of the scan.
+    #[serde(skip_serializing_if = "is_default")]
+    pub landmarks: BTreeMap<Joint, Spot>,
+    /// What joints of the capture are.
+    #[serde(skip_serializing_if = "is_default")]
+    pub skeleton: BTreeMap<String, Written<Role>>,
+    /// Rigid and stiffer parts.
+    #[serde(rename = "group", skip_serializing_if = "is_default")]
+    pub groups: Vec<Group>,
+    /// The decisions of a run.
+    #[serde(skip_serializing_if = "is_default")]
+    pub frozen: Option<Frozen>,
+}
+
+/// `[space]`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[allow(missing_docs)]
+pub struct SpaceSection {
+    #[serde(skip_serializing_if = "is_default")]
+    pub scan_unit: Option<Written<Unit>>,
+    #[serde(skip_serializing_if = "is_default")]
+    pub scan_up: Option<Written<Axis>>,
+    #[serde(skip_serializing_if = "is_default")]
+    pub capture_unit: Option<Written<Unit>>,
+    #[serde(skip_serializing_if = "is_default")]
+    pub capture_up: Option<Written<Axis>>,
+    #[serde(skip_serializing_if = "is_default")]
+    pub scale: Option<f64>,
+    #[serde(skip_serializing_if = "is_default")]
+    pub yaw: Option<f64>,
+    #[serde(skip_serializing_if = "is_default")]
+    pub flip: bool,
+    #[serde(skip_serializing_if = "is_default")]
+    pub mirror: bool,
+    #[serde(skip_serializing_if = "is_default")]
+    pub swap_sides: bool,
+}
+
+/// `[reference]`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[allow(missing_docs)]
+pub struct ReferenceSection {
+    #[serde(skip_serializing_if = "is_default")]
+    pub frame: Option<i64>,
+    #[serde(skip_serializing_if = "is_default")]
+    pub file: Option<PathBuf>,
+}
+
+/// `[[group]]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(missing_docs)]
+pub struct Group {
+    pub what: Written<Selector>,
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub rigid: bool,
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub stiffness: Option<f64>,
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
+/// A value that is written as a string.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Written<T>(pub T);
+
+impl<T: Display> Serialize for Written<T> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(&self.0)
+    }
+}
+
+impl<'de, T: FromStr<Err: Display>> Deserialize<'de> for Written<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        String::deserialize(deserializer)?.parse().map(Self).map_err(serde::de::Error::custom)
+    }
+}
+
+impl RigFile {
+    /// Reads a rig file.
+    ///
+    /// # Errors
+    /// Files that cannot be read; TOML and values that are wrong, with line and column and, of unknown keys, the nearest known one.
+    pub fn read(path: &Path) -> Result<Self> {
+        let length = std::fs::metadata(path).map_err(|e| Error::unreadable(path, &e))?.len();
+        if length > MOST {
+            return Err(Error::malformed(format!("{length} bytes")).file(path).expected("a rig file, at most 16 MB of TOML"));
+        }
+        let text = std::fs::read_to_string(path).map_err(|e| Error::unreadable(path, &e))?;
+        let rig = Self::parse(&text).map_err(|e| e.file(path))?;
+        Ok(rig)
+    }
+
+    fn parse(text: &str) -> Result<Self> {
+        let rig: Self = toml::from_str(text).map_err(|e| explained(text, &e))?;
+        let finite = |value: Option<f64>| value.is_none_or(f64::is_finite);
+        if !finite(rig.space.yaw) || rig.space.scale.is_some_and(|s| !s.is_finite() || s <= 0.0) {
+            return Err(Error::malformed("yaw or scale is no usable number").at("[space]").expected("degrees; a factor above 0"));
+        }
+        for group in &rig.groups {
+            if group.rigid == group.stiffness.is_some() {
+                let what =
+                    format!("group {} is {}", group.what.0, if group.rigid { "rigid and has a stiffness" } else { "neither" });
+                return Err(Error::malformed(what).at("[[group]]").expected("rigid = true or stiffness = X"));
+            }
+            if let Some(factor) = group.stiffness {
+                let rule: Result<Stiffness, String> = format!("{}={factor}", group.what.0).parse();
+                rule.map_err(|e| Error::malformed(e).at("[[group]]"))?;
+            }
+        }
+        if let Some(frozen) = &rig.frozen {
+            frozen.check()?;
+        }
+        Ok(rig)
+    }
+
+    /// The text of the file.
+    pub fn to_text(&self) -> String {
+        let text = toml::to_string(self).unwrap_or_default();
+        format!("# Rig file of retarget: what was decided, to be edited and fed back with --rig.\n{text}")
+    }
+}
+
+/// An error of the TOML reader with its place, and the nearest key for an unknown one.
+fn explained(text: &str, error: &toml::de::Error) -> Error {
+    let at = error.span().map_or(0, |span| span.start.min(text.len()));
+    let before = &text[..text.floor_char_boundary(at)];
+    let line = before.matches('\n').count() + 1;
+    let column = before.rsplit('\n').next().unwrap_or("").chars().count() + 1;
+    let message = error.message();
+    let place = format!("line {line}, column {column}");
+    let mut words = message.split('`').skip(1).step_by(2);
+    let unknown = ["unknown field", "unknown variant"].iter().any(|what| message.starts_with(what));
+    match (unknown, words.next()) {
+        (true, Some(got)) => {
+            let known: Vec<&str> = words.collect();
+            let nearest = known.iter().min_by_key(|word| distance(got, word));
+            let error = Error::malformed(format!("'{got}' is not known here")).at(place).expected(known.join(", "));
+            match nearest {
+                Some(nearest) => error.hint(format!("{nearest}?")),
+                None => error,
+            }
+        }
+        _ => Error::malformed(message.to_owned()).at(place),
+    }
+}
+
+/// Letters to insert, drop or replace between two words.
+fn distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut corner = i;
+        row[0] = i + 1;
+        for (j, y) in b.iter().enumerate() {
+            let changed = corner + usize::from(x != *y);
+            corner = row[j + 1];
+            row[j + 1] = changed.min(row[j] + 1).min(corner + 1);
+        }
+    }
+    row[b.len()]
+}
