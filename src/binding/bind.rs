@@ -522,8 +522,11 @@ impl Human<'_> {
         let kept = Kept { clavicles, seen, placement: if apart { at_size } else { start }, start: placement.frame };
         let trajectories = (align == Align::Retarget).then(|| {
             let (fit, at) = (&fitted.fit, &kept.placement);
-            retarget::trajectories(self.skeleton, fit, &clavicles, &take.track, at, &handles, &kept.seen, kept.start)
+            let rate = self.options.feet(take.capture);
+            retarget::trajectories(self.skeleton, fit, &clavicles, &take.track, at, &handles, &kept.seen, kept.start, rate)
         });
+        let (trajectories, planter) = trajectories.unzip();
+        let feet = planter.flatten().and_then(|planter| planter.slip(self.scan.unit_box.diagonal));
         let strain = match &trajectories {
             Some(own) => {
                 let target = |frame: usize, handle: usize| own.point(frame, handle);
@@ -564,6 +567,7 @@ impl Human<'_> {
             residual: Some(fitted.residual(self.skeleton)).map(|(a, b)| (100.0 * a, 100.0 * b)),
             proportions: SIZE.iter().map(|&(r, name)| (name, fitted.fit.ratios[r as usize])).collect(),
             strain: strain.map(|(median, p95)| (100.0 * median, 100.0 * p95)),
+            feet,
         };
         if let Some((_, p95)) = strain {
             let stretched: Vec<String> = decisions

@@ -61,6 +61,19 @@ pub struct Decisions {
     pub proportions: Vec<(&'static str, f64)>,
     /// Median and 95th percentile of the change of distance between neighbouring handles over the take, in per cent.
     pub strain: Option<(f64, f64)>,
+    /// How far resting feet slid on the scan before they were held, and after, in the scan's unit.
+    pub feet: Option<Slip>,
+}
+
+/// Sliding of feet that rest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slip {
+    /// Times that a heel or ball rested on the floor.
+    pub contacts: usize,
+    /// Way of the point that rests, median and worst over the contacts, of the joints as they come.
+    pub before: (f64, f64),
+    /// The same of what the scan follows.
+    pub after: (f64, f64),
 }
 
 impl Decisions {
@@ -152,6 +165,21 @@ impl Decisions {
         }
         if let Some((median, p90)) = self.residual {
             words.push(format!("fit median {median:.1} %, p90 {p90:.1} % of height"));
+        }
+        if let Some(feet) = &self.feet {
+            let way = |x: f64| match self.scan_unit {
+                Some(unit) => format!("{:.0}", x * unit.value.metres() * 1000.0),
+                None => format!("{x:.3}"),
+            };
+            let unit = if self.scan_unit.is_some() { " mm" } else { "" };
+            words.push(format!(
+                "{} held, sliding median {} \u{2192} {}{unit}, worst {} \u{2192} {}{unit}",
+                words::plural(feet.contacts, "footfall"),
+                way(feet.before.0),
+                way(feet.after.0),
+                way(feet.before.1),
+                way(feet.after.1),
+            ));
         }
         if let Some((median, p95)) = self.strain {
             words.push(format!("strain median {median:.1} %, p95 {p95:.1} %"));

@@ -117,6 +117,7 @@ pub fn unbound(scan: &ScanShape<'_>, body: Option<&Body>, table: &HandleTable, o
         residual: None,
         proportions: Vec::new(),
         strain: None,
+        feet: None,
     };
     Binding {
         placement: Similarity::IDENTITY,

@@ -14,6 +14,7 @@ mod fit;
 mod labels;
 pub mod landmarks;
 mod places;
+mod plant;
 mod raw;
 mod reference;
 pub mod regions;
@@ -32,7 +33,7 @@ mod track;
 
 pub use actor::{ActorSpace, actor_space};
 pub use bind::{bind, unit_of_body};
-pub use decisions::Decisions;
+pub use decisions::{Decisions, Slip};
 pub use driven::Turning;
 pub use regions::{Regions, Rules};
 pub use segments::Segment;
@@ -102,6 +103,8 @@ pub struct Options {
     pub scale: Option<f64>,
     /// The reference frame, of the reference capture where there is one.
     pub reference: Reference,
+    /// Whether retargeted feet slide as they come; without, what rests on the floor is held.
+    pub free_feet: bool,
     /// Refusals for doubtful input become warnings.
     pub accept_doubtful: bool,
     /// Whether the capture's axes are mirrored.
@@ -142,6 +145,11 @@ impl Options {
             Some(Marker::At(place)) => Some(*place),
             _ => None,
         }
+    }
+
+    /// Frames per second, where feet that rest are to be held.
+    fn feet(&self, capture: &Capture) -> Option<f64> {
+        (!self.free_feet).then_some(capture.rate)
     }
 
     /// Whether the user leaves a marker out.

@@ -177,6 +177,7 @@ pub(super) fn bind_found(
         residual: None,
         proportions: Vec::new(),
         strain: None,
+        feet: None,
     };
     let mut binding = Binding {
         placement,

@@ -5,6 +5,7 @@
 
 use super::chase::{Chain, Held, Pose, relative};
 use super::fit::{Fit, Ratio};
+use super::plant::{self, Leg, Planter};
 use super::segments::{Segment, Side, Skeleton};
 use super::similarity::Similarity;
 use super::track::Track;
@@ -46,7 +47,8 @@ pub(super) fn clavicles(body: &Skeleton, fit: &Fit, elevations: [f64; 2]) -> [DV
 /// The trajectories of the handles on the scan's own body, in the unit box.
 ///
 /// `placement` takes the capture into the space of the fit's observations; `start` is the frame of the take that is nearest to the fitted
-/// pose. Shapes: `seen`: one entry per handle.
+/// pose; feet that rest are held where `feet` gives the frames per second,
+/// and what held them comes back. Shapes: `seen`: one entry per handle.
 pub(super) fn trajectories(
     body: &Skeleton,
     fit: &Fit,
@@ -56,7 +58,8 @@ pub(super) fn trajectories(
     handles: &[BoundMarker],
     seen: &[Seen],
     start: usize,
-) -> MarkerTake {
+    feet: Option<f64>,
+) -> (MarkerTake, Option<Planter>) {
     let (actor, scan) = (Chain::of_fit(body, fit), Chain::of_scan(body));
     let (turns, origins) = (fit.rotations, fit.origins);
     let held: Vec<Held> = handles
@@ -68,77 +71,109 @@ pub(super) fn trajectories(
             Held { segment, shoulder: seen.shoulder, local, weight: seen.weight }
         })
         .collect();
-    let home = relative(&turns);
     let pelvis = body.bone(Segment::Pelvis).origin;
     let legs = scan.leg() / actor.leg();
-    let soles = soles(body);
-    let frames = track.take.frames();
-    let mut points = vec![DVec3::NAN; frames * handles.len()];
-    let mut lowest = Vec::with_capacity(frames);
-    let mut markers = vec![None; handles.len()];
-
     let first = Pose { root: origins[Segment::Pelvis as usize], turns, shoulders: [DVec3::ZERO; 2] };
-    let mut root = first.root;
-    let mut pose = first.clone();
-    let mut nearest = None;
-    for frame in (start..frames).chain((0..start).rev()) {
-        if start > 0 && frame == start - 1 {
-            pose = nearest.clone().unwrap_or_else(|| first.clone());
+    let poses = chased(&actor, &held, track, placement, handles, &first, start);
+    let root = poses.get(start).map_or(first.root, |pose| pose.root);
+    let on_scan = |pose: &Pose| Pose {
+        root: pelvis + (pose.root - root) * legs,
+        turns: pose.turns,
+        shoulders: [0, 1].map(|s| clavicles[s] + pose.shoulders[s] / fit.size),
+    };
+    let floor = plant::floor(body);
+    let soles = [plant::sole(body, 0), plant::sole(body, 1)];
+    let mut lowest: Vec<f64> = poses
+        .iter()
+        .map(|pose| {
+            let pose = on_scan(pose);
+            let origins = scan.origins(&pose);
+            let heights = FEET
+                .iter()
+                .zip(&soles)
+                .flat_map(|(&foot, sole)| sole.map(|p| (origins[foot as usize] + pose.turns[foot as usize] * p).dot(body.up)));
+            heights.fold(f64::INFINITY, f64::min)
+        })
+        .collect();
+    let lift = body.up * (floor - actor::quantile(&mut lowest, ON_FLOOR).unwrap_or(floor));
+    let mut planter = feet.map(|rate| Planter::new(body, floor, rate));
+    let mut points = Vec::with_capacity(poses.len() * handles.len());
+    for (frame, pose) in poses.iter().enumerate() {
+        let origins = actor.origins(pose);
+        let mut on_scan = on_scan(pose);
+        on_scan.root += lift;
+        let mut scan_origins = scan.origins(&on_scan);
+        if let Some(planter) = &mut planter {
+            (0..2).for_each(|side| hold(planter, side, &mut on_scan, &mut scan_origins));
         }
+        for (held, handle) in held.iter().zip(handles) {
+            let s = held.segment as usize;
+            let place = track.point(frame, handle.marker).map(|p| {
+                let own = pose.turns[s].inverse() * (placement.apply(p) - origins[s]) - held.place(&pose.shoulders);
+                let rest = handle.attachment - body.bone(held.segment).origin;
+                let shift = held.shoulder.map_or(DVec3::ZERO, |s| on_scan.shoulders[s]);
+                scan_origins[s] + on_scan.turns[s] * (rest + shift + own / fit.size)
+            });
+            points.push(place.unwrap_or(DVec3::NAN).to_array().map(|x| x as f32));
+        }
+    }
+    let take = MarkerTake { labels: handles.iter().map(|h| h.label.clone()).collect(), points, ..MarkerTake::default() };
+    (take, planter)
+}
+
+const FEET: [Segment; 2] = [Segment::LeftFoot, Segment::RightFoot];
+
+/// Holds a foot of the scan while it rests on the floor.
+fn hold(planter: &mut Planter, side: usize, pose: &mut Pose, origins: &mut [DVec3; Segment::COUNT]) {
+    let [thigh, shank, foot] = if side == 0 {
+        [Segment::LeftThigh, Segment::LeftShank, Segment::LeftFoot]
+    } else {
+        [Segment::RightThigh, Segment::RightShank, Segment::RightFoot]
+    }
+    .map(|s| s as usize);
+    let mut leg = Leg {
+        hip: origins[thigh],
+        knee: origins[shank],
+        ankle: origins[foot],
+        thigh: pose.turns[thigh],
+        shank: pose.turns[shank],
+        foot: pose.turns[foot],
+    };
+    planter.plant(side, Some(&mut leg));
+    (origins[shank], origins[foot]) = (leg.knee, leg.ankle);
+    (pose.turns[thigh], pose.turns[shank]) = (leg.thigh, leg.shank);
+}
+
+/// The actor's pose in every frame, going out from the one that is nearest to `first`.
+fn chased(
+    actor: &Chain,
+    held: &[Held],
+    track: &Track<'_>,
+    placement: &Similarity,
+    handles: &[BoundMarker],
+    first: &Pose,
+    start: usize,
+) -> Vec<Pose> {
+    let frames = track.take.frames();
+    let home = relative(&first.turns);
+    let mut poses = vec![first.clone(); frames];
+    let mut markers = vec![None; handles.len()];
+    let mut chase = |frame: usize, before: &Pose| {
         for (marker, handle) in markers.iter_mut().zip(handles) {
             *marker = track.point(frame, handle.marker).map(|p| placement.apply(p));
         }
-        pose = actor.chase(&held, &markers, &pose, &home);
-        if frame == start {
-            // From far away, what ties the pose to the one before is still felt.
-            pose = actor.chase(&held, &markers, &pose, &home);
-            nearest = Some(pose.clone());
-            root = pose.root;
-        }
-        let origins = actor.origins(&pose);
-        let on_scan = Pose {
-            root: pelvis + (pose.root - root) * legs,
-            turns: pose.turns,
-            shoulders: [0, 1].map(|s| clavicles[s] + pose.shoulders[s] / fit.size),
-        };
-        let scan_origins = scan.origins(&on_scan);
-        for (i, (held, handle)) in held.iter().zip(handles).enumerate() {
-            let s = held.segment as usize;
-            if let Some(marker) = markers[i] {
-                let own = (pose.turns[s].inverse() * (marker - origins[s]) - held.place(&pose.shoulders)) / fit.size;
-                let rest = handle.attachment - body.bone(held.segment).origin;
-                let shift = held.shoulder.map_or(DVec3::ZERO, |s| on_scan.shoulders[s]);
-                points[frame * handles.len() + i] = scan_origins[s] + pose.turns[s] * (rest + shift + own);
-            }
-        }
-        let height = |&(foot, p): &(Segment, DVec3)| {
-            (scan_origins[foot as usize] + pose.turns[foot as usize] * (p - body.bone(foot).origin)).dot(body.up)
-        };
-        lowest.push(soles.iter().map(height).fold(f64::INFINITY, f64::min));
+        actor.chase(held, &markers, before, &home)
+    };
+    if start < frames {
+        // From far away, what ties the pose to the one before is still felt.
+        let near = chase(start, first);
+        poses[start] = chase(start, &near);
     }
-    let floor = floor(body);
-    let lift = body.up * (floor - actor::quantile(&mut lowest, ON_FLOOR).unwrap_or(floor));
-    MarkerTake {
-        labels: handles.iter().map(|h| h.label.clone()).collect(),
-        points: points.into_iter().map(|p| (p + lift).to_array().map(|x| x as f32)).collect(),
-        ..MarkerTake::default()
+    for frame in start + 1..frames {
+        poses[frame] = chase(frame, &poses[frame - 1]);
     }
-}
-
-/// Height of the floor under the scan.
-fn floor(body: &Skeleton) -> f64 {
-    body.bone(Segment::Head).end.dot(body.up) - body.stature
-}
-
-/// Points of the soles at rest: under heels and tips of the feet.
-fn soles(body: &Skeleton) -> Vec<(Segment, DVec3)> {
-    let floor = floor(body);
-    let down = |p: DVec3| p + body.up * (floor - p.dot(body.up));
-    [Segment::LeftFoot, Segment::RightFoot]
-        .into_iter()
-        .flat_map(|foot| {
-            let bone = body.bone(foot);
-            [(foot, down(bone.origin - bone.forward * (0.2 * bone.length))), (foot, down(bone.end))]
-        })
-        .collect()
+    for frame in (0..start.min(frames)).rev() {
+        poses[frame] = chase(frame, &poses[frame + 1]);
+    }
+    poses
 }

@@ -151,6 +151,7 @@ fn by_number(
         residual: None,
         proportions: Vec::new(),
         strain: None,
+        feet: None,
     };
     Ok(Binding {
         placement: Similarity { mirror: options.mirror, scale, rotation, translation },

@@ -164,6 +164,9 @@ pub struct Animate {
     /// Axis of the capture that points up: +X, -X, +Y, ...
     #[arg(long, hide_short_help = true, value_name = "AXIS", help_heading = "Placement", allow_hyphen_values = true)]
     pub capture_up: Option<Axis>,
+    /// Feet that rest on the floor in a retargeted capture: held there on the scan (auto), or free to slide (off)
+    #[arg(long, value_enum, default_value_t = Plant::Auto, help_heading = "Placement")]
+    pub plant: Plant,
     /// Go on with a warning where the placement would be refused as doubtful
     #[arg(long, hide_short_help = true, help_heading = "Placement")]
     pub accept_doubtful: bool,
@@ -219,6 +222,15 @@ pub enum Align {
     Pose,
     /// Every segment of the scan turns as the actor's does, on the scan's own lengths
     Retarget,
+}
+
+/// `--plant`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Plant {
+    /// Held where they came down, by the two bones of the leg
+    Auto,
+    /// As the joints have it
+    Off,
 }
 
 /// `--map`.

@@ -135,6 +135,11 @@ pub(super) fn binding_json(binding: &Binding, unit_box: UnitBox) -> Value {
         "bound": d.bound,
         "fit_residual_percent_of_height": d.residual.map(|(median, p90)| json!({ "median": median, "p90": p90 })),
         "strain_percent": d.strain.map(|(median, p95)| json!({ "median": median, "p95": p95 })),
+        "feet": d.feet.map(|f| json!({
+            "contacts": f.contacts,
+            "slid": { "median": f.before.0, "worst": f.before.1 },
+            "left": { "median": f.after.0, "worst": f.after.1 },
+        })),
         "proportions": d.proportions.iter().map(|&(name, ratio)| (name.to_owned(), json!(ratio))).collect::<serde_json::Map<_, _>>(),
         "handles": binding.handles.iter().map(|h| json!({
             "label": h.label,

@@ -1,6 +1,6 @@
 //! `--rig` and `--save-rig`: what a rig file adds to the command line, and the file of a run.
 
-use super::args::{Animate, Reference};
+use super::args::{Animate, Plant, Reference};
 use crate::binding::landmarks::Joint;
 use crate::binding::rig::{Pin, RigFile, Spot};
 use crate::binding::select::Stiffness;
@@ -112,6 +112,7 @@ impl Rig {
             yaw: args.yaw.or(space.yaw),
             flip: args.flip || space.flip,
             scale: args.scale.or(space.scale),
+            free_feet: args.plant == Plant::Off,
             accept_doubtful: args.accept_doubtful,
             mirror: args.mirror || space.mirror,
             swap_sides: args.swap_sides || space.swap_sides,

@@ -312,6 +312,7 @@ impl Frozen {
             residual: self.residual.map(|[median, p90]| (median, p90)),
             proportions: Vec::new(),
             strain: None,
+            feet: None,
         }
     }
 
@@ -451,12 +452,16 @@ impl Frozen {
         let off_surface = raw::off_surface(scan, &handles);
         let fit = self.actor.as_ref().map(FrozenActor::fit);
         let mut proportions = Vec::new();
+        let mut feet = None;
         let mut trajectories = None;
         if let (Some(fit), Some(actor), Some(skeleton)) = (&fit, &self.actor, &skeleton) {
             let clavicles = actor.clavicles.map(DVec3::from);
             let start = self.start_in(scan, take, skeleton)?;
             let unmirrored = Similarity { mirror: false, ..placement };
-            let own = retarget::trajectories(skeleton, fit, &clavicles, &track, &unmirrored, &handles, &seen, start);
+            let rate = options.feet(take.capture);
+            let (own, planter) =
+                retarget::trajectories(skeleton, fit, &clavicles, &track, &unmirrored, &handles, &seen, start, rate);
+            feet = planter.and_then(|planter| planter.slip(scan.unit_box.diagonal));
             trajectories = Some(own);
             proportions = SIZE.iter().map(|&(r, name)| (name, fit.ratios[r as usize])).collect();
         }
@@ -478,6 +483,7 @@ impl Frozen {
             off_surface,
             proportions,
             strain: strain.map(|(median, p95)| (100.0 * median, 100.0 * p95)),
+            feet,
             ..self.decisions(scan, take.capture)
         };
         Ok(Binding {

@@ -113,6 +113,10 @@ fn frozen_decisions_give_the_same_bits_and_serve_other_takes() {
         let mut other = take(&person, &labels, &frames(40), 0.7, 0.5);
         other.name = "other".to_owned();
         let served = bound(&person, &other, &options).unwrap();
+        assert!(served.handles.iter().zip(&first.handles).all(|(a, b)| a.attachment == b.attachment));
+        if align != Align::Retarget {
+            continue;
+        }
         let anew = bound(&person, &other, &Options { align, ..Options::default() }).unwrap();
         let far = |a: &Binding, b: &Binding| {
             let shift = |b: &Binding| targets(b, &other).iter().sum::<DVec3>() / targets(b, &other).len() as f64;
@@ -121,7 +125,6 @@ fn frozen_decisions_give_the_same_bits_and_serve_other_takes() {
             pairs.map(|(p, q)| ((p - s) - (q - t)).length()).fold(0.0, f64::max) / person.body.stature
         };
         assert!(far(&served, &anew) < 0.08, "{align}: {}", far(&served, &anew));
-        assert!(served.handles.iter().zip(&first.handles).all(|(a, b)| a.attachment == b.attachment));
     }
 }
 

@@ -18,6 +18,7 @@ mod tests;
 
 use super::bind::{scan_unit, segment_places, unit_factor};
 use super::landmarks::Body;
+use super::plant::{self, Planter};
 use super::reference::frame_index;
 use super::rig::{Frozen, FrozenJoints};
 use super::segments::{Segment, Skeleton};
@@ -101,7 +102,8 @@ pub(super) fn bind(
         place(&mut puppet, &skeleton, frame, up, options).ok_or_else(|| in_file(Error::refused("the pelvis has no turn")))?;
     let kept = puppet.keep(rest.is_some());
     let grips = grips::all(&puppet, &skeleton, scan.tree);
-    let trajectories = animate(&mut puppet, &skeleton, &grips, rig.frames());
+    let (trajectories, planter) = animate(&mut puppet, &skeleton, &grips, rig.frames(), options.feet(capture));
+    let feet = planter.and_then(|planter| planter.slip(scan.unit_box.diagonal));
 
     let ratio = |capture: f64, scan: f64| capture * puppet.scale / scan;
     let proportions = vec![
@@ -156,6 +158,7 @@ pub(super) fn bind(
         residual: None,
         proportions,
         strain: None,
+        feet,
     };
     let frozen = Frozen::of_joints(&decisions, capture, body, frame, kept, options.mirror);
     Ok(Binding {
@@ -211,13 +214,15 @@ pub(super) fn bind_again(
     let neutral = Neutral::kept(kept);
     let mut puppet = Puppet::again(rig, &cast, &skeleton, &neutral, kept);
     let grips = grips::all(&puppet, &skeleton, scan.tree);
-    let trajectories = animate(&mut puppet, &skeleton, &grips, rig.frames());
+    let (trajectories, planter) = animate(&mut puppet, &skeleton, &grips, rig.frames(), options.feet(capture));
+    let feet = planter.and_then(|planter| planter.slip(scan.unit_box.diagonal));
     let handles = handles_of(grips);
     let decisions = Decisions {
         set: cast.family,
         named: if cast.by_form { 0 } else { cast.named },
         markers: take.joints.iter().filter(|j| !j.end).count(),
         bound: handles.len(),
+        feet,
         ..frozen.decisions(scan, capture)
     };
     Ok(Binding {
@@ -354,26 +359,36 @@ fn place(puppet: &mut Puppet<'_>, body: &Skeleton, frame: usize, up: DVec3, opti
     Some(yaw)
 }
 
-/// Moves the grips through the take, with the feet on the scan's floor.
-fn animate(puppet: &mut Puppet<'_>, body: &Skeleton, grips: &[Grip], frames: usize) -> MarkerTake {
-    let floor = body.bone(Segment::Head).end.dot(body.up) - body.stature;
+/// Moves the grips through the take, with the feet on the scan's floor, and held there where `feet` gives the frames per second.
+fn animate(
+    puppet: &mut Puppet<'_>,
+    body: &Skeleton,
+    grips: &[Grip],
+    frames: usize,
+    feet: Option<f64>,
+) -> (MarkerTake, Option<Planter>) {
+    let floor = plant::floor(body);
     let soles = soles(body, floor);
-    let mut heights = Vec::with_capacity(frames);
-    let mut places = Vec::with_capacity(frames * grips.len());
+    let mut heights: Vec<f64> = (0..frames)
+        .filter_map(|frame| {
+            let posture = puppet.frame(frame);
+            let heights = soles.iter().filter_map(|&(part, p)| posture.apply(part, p)).map(|p| p.dot(body.up));
+            heights.reduce(f64::min)
+        })
+        .collect();
+    puppet.shift += body.up * (floor - actor::quantile(&mut heights, ON_FLOOR).unwrap_or(floor));
+    let mut planter = feet.map(|rate| Planter::new(body, floor, rate));
+    let mut points = Vec::with_capacity(frames * grips.len());
     for frame in 0..frames {
-        let posture = puppet.frame(frame);
-        let lowest =
-            soles.iter().filter_map(|&(part, p)| posture.apply(part, p)).map(|p| p.dot(body.up)).fold(f64::INFINITY, f64::min);
-        heights.extend(lowest.is_finite().then_some(lowest));
-        places.extend(grips.iter().map(|g| posture.apply(g.part, g.rest).unwrap_or(DVec3::NAN)));
+        let mut posture = puppet.frame(frame);
+        if let Some(planter) = &mut planter {
+            (0..2).for_each(|side| posture.hold(planter, side));
+        }
+        let place = |g: &Grip| posture.apply(g.part, g.rest).unwrap_or(DVec3::NAN).to_array().map(|x| x as f32);
+        points.extend(grips.iter().map(place));
     }
-    let lift = body.up * (floor - actor::quantile(&mut heights, ON_FLOOR).unwrap_or(floor));
-    puppet.shift += lift;
-    MarkerTake {
-        labels: grips.iter().map(|g| g.label.clone()).collect(),
-        points: places.into_iter().map(|p| (p + lift).to_array().map(|x| x as f32)).collect(),
-        ..MarkerTake::default()
-    }
+    let labels = grips.iter().map(|g| g.label.clone()).collect();
+    (MarkerTake { labels, points, ..MarkerTake::default() }, planter)
 }
 
 /// Points of the soles at rest: under heels, balls and tips of the feet.

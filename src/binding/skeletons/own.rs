@@ -224,6 +224,7 @@ pub(super) fn bind(
         residual: None,
         proportions: Vec::new(),
         strain: None,
+        feet: None,
     };
     let ignored = [
         ("--yaw", options.yaw.is_some()),

@@ -4,6 +4,7 @@ use super::cast::Cast;
 use super::neutral::Neutral;
 use super::rig::{Pose, Rig};
 use super::stance::{hips, shoulders};
+use crate::binding::plant::{Leg, Planter};
 use crate::binding::rig::FrozenJoints;
 use crate::binding::segments::{Segment, Skeleton};
 use glam::{DQuat, DVec3};
@@ -297,6 +298,29 @@ impl Posture {
         if let Some(slot) = Self::slot(part) {
             self.rest[slot] = placed;
         }
+    }
+
+    /// Holds a foot while it rests on the floor.
+    pub(super) fn hold(&mut self, planter: &mut Planter, side: usize) {
+        let at = |part: Part| Self::slot(part).and_then(|slot| self.rest[slot]);
+        let (Some(thigh), Some(shank), Some(foot)) = (at(Part::Thigh(side)), at(Part::Shank(side)), at(Part::Foot(side))) else {
+            return planter.plant(side, None);
+        };
+        let mut leg = Leg {
+            hip: thigh.origin,
+            knee: shank.origin,
+            ankle: foot.origin,
+            thigh: thigh.turn,
+            shank: shank.turn,
+            foot: foot.turn,
+        };
+        planter.plant(side, Some(&mut leg));
+        let shift = leg.ankle - foot.origin;
+        self.set(Part::Thigh(side), Some(Placed { turn: leg.thigh, ..thigh }));
+        self.set(Part::Shank(side), Some(Placed { origin: leg.knee, turn: leg.shank, ..shank }));
+        self.set(Part::Foot(side), Some(Placed { origin: leg.ankle, ..foot }));
+        let toes = Self::slot(Part::Toes(side)).and_then(|slot| self.rest[slot]);
+        self.set(Part::Toes(side), toes.map(|toes| Placed { origin: toes.origin + shift, ..toes }));
     }
 
     /// Where a point of the scan's rest has come to with its part.
