@@ -2,7 +2,7 @@
 
 use super::actor::quantile;
 use super::bind::Take;
-use super::labels::Names;
+use super::labels::{Names, Part, Place};
 use super::landmarks::{Body, NotHuman};
 use super::segments::Segment;
 use super::{BoundMarker, Options, refuse};
@@ -97,7 +97,7 @@ pub(super) fn same_actor(take: &Take<'_>, still: &Take<'_>) -> Result<()> {
 }
 
 /// Median and 95th percentile of the relative difference between distances of targets and of attachments, over pairs that a body keeps
-/// apart by a bone: on one segment, or at the two ends of a limb's segment. `target`: of a handle in a frame, in the unit box.
+/// apart by a bone: on one segment but for the shoulders on the trunk, or at the two ends of a limb's segment. `target`: of a handle in a frame, in the unit box.
 pub(super) fn strain(
     names: &Names,
     handles: &[BoundMarker],
@@ -105,6 +105,7 @@ pub(super) fn strain(
     frames: &[usize],
     stature: f64,
 ) -> Option<(f64, f64)> {
+    let is_shoulder = |place: &Option<Place>| place.as_ref().is_some_and(|p| p.part == Part::Shoulder);
     let mut values = Vec::new();
     for (i, a) in handles.iter().enumerate() {
         for (j, b) in handles.iter().enumerate().skip(i + 1) {
@@ -115,7 +116,9 @@ pub(super) fn strain(
                 (Some(p), Some(q)) => p.is_bone_with(q) || q.is_bone_with(p),
                 _ => false,
             };
-            if s != t && !ends || rest < 0.05 * stature {
+            // Between shoulder and trunk the collar bone moves.
+            let girdle = s == t && is_shoulder(p) != is_shoulder(q);
+            if s != t && !ends || girdle || rest < 0.05 * stature {
                 continue;
             }
             for &f in frames {

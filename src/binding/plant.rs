@@ -186,7 +186,7 @@ impl Planter {
     /// How far the feet slid over the frames so far; `length`: of the unit box in the unit of the tally.
     pub(super) fn slip(mut self, length: f64) -> Option<Slip> {
         (0..2).for_each(|side| self.end(side));
-        let mut of =
+        let of =
             |values: &mut Vec<f64>| Some((quantile(values, 0.5)? * length, values.iter().copied().fold(0.0, f64::max) * length));
         let contacts = self.slid.len();
         Some(Slip { contacts, before: of(&mut self.slid)?, after: of(&mut self.left)? })

@@ -112,6 +112,8 @@ pub(super) fn binding_details(binding: &Binding) -> Vec<String> {
 /// The decisions of the binding for the report.
 pub(super) fn binding_json(binding: &Binding, unit_box: UnitBox) -> Value {
     let d = &binding.decisions;
+    // Of scans without a known unit, in the scan's own.
+    let mm = d.scan_unit.map_or(1.0, |unit| unit.value.metres() * 1e3);
     let known = |value: String, how: crate::space::Evidence| json!({ "value": value, "from": how.to_string() });
     json!({
         "align": d.align.to_string(),
@@ -135,10 +137,11 @@ pub(super) fn binding_json(binding: &Binding, unit_box: UnitBox) -> Value {
         "bound": d.bound,
         "fit_residual_percent_of_height": d.residual.map(|(median, p90)| json!({ "median": median, "p90": p90 })),
         "strain_percent": d.strain.map(|(median, p95)| json!({ "median": median, "p95": p95 })),
+        "off_surface_mm": d.off_surface.as_ref().map(|(median, worst, label)| json!({ "median": mm * median, "worst": mm * worst, "label": label })),
         "feet": d.feet.map(|f| json!({
             "contacts": f.contacts,
-            "slid": { "median": f.before.0, "worst": f.before.1 },
-            "left": { "median": f.after.0, "worst": f.after.1 },
+            "slid_mm": { "median": mm * f.before.0, "worst": mm * f.before.1 },
+            "left_mm": { "median": mm * f.after.0, "worst": mm * f.after.1 },
         })),
         "proportions": d.proportions.iter().map(|&(name, ratio)| (name.to_owned(), json!(ratio))).collect::<serde_json::Map<_, _>>(),
         "handles": binding.handles.iter().map(|h| json!({

@@ -11,6 +11,7 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+mod pairs;
 
 use rayon::prelude::*;
 use retarget::capture::{self, ReadOptions};
