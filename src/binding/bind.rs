@@ -12,7 +12,7 @@ use super::similarity::{Held, Similarity, upright};
 use super::track::Track;
 use super::{
     Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, Turning, checks, clusters, places, raw,
-    refuse, skeletons, skin, surfaces,
+    refuse, skeletons, skin, surfaces, unlabelled,
 };
 use crate::capture::{Capture, Motion};
 use crate::error::{Error, Kind, Notes, Result};
@@ -117,6 +117,10 @@ pub fn bind(
     }
     let skeleton = Skeleton::of(&body);
     take.correct(options, Some(&skeleton));
+    if !checks::are_told(&take) && matches!(capture.motion, Motion::Markers(_)) {
+        let told = tell(scan, &skeleton, &take, options)?;
+        (take.names, take.remark) = (told.0, Some(told.1));
+    }
     if options.align == Align::Auto
         && options.reference == Reference::Auto
         && reference.is_none()
@@ -129,11 +133,35 @@ pub fn bind(
     Human { scan, body: &body, skeleton: &skeleton, take: &take, options }.bind(reference)
 }
 
+/// Names of markers whose labels say nothing, and how they were told.
+fn tell(scan: &ScanShape<'_>, body: &Skeleton, take: &Take<'_>, options: &Options) -> Result<(Names, String)> {
+    let known = options.capture_up.or(take.capture.space.up.map(|up| up.value));
+    let Some(up) = known else {
+        return Err(checks::few_labels(take, "the file does not say which way is up, so their places do not tell either")
+            .hint("--capture-up +Z (or the axis that points up); or names in [markers] of a rig file"));
+    };
+    let hint = "names for them in [markers] of a rig file, or --align none when the scan is where the capture's markers are";
+    match unlabelled::tell(take, body, scan.tree, up.vector()) {
+        Ok((names, ratio)) => {
+            let count = names.count();
+            let markers = take.track.take.markers();
+            let remark = format!(
+                "labels say nothing: {count} of {markers} markers told by their places on the body (the other way round fits {ratio:.1} times worse); \
+                 check the picture"
+            );
+            Ok((names, remark))
+        }
+        Err(untold) => Err(checks::few_labels(take, &untold.0).hint(hint)),
+    }
+}
+
 /// A capture with its labels read.
 pub(super) struct Take<'a> {
     pub capture: &'a Capture,
     pub track: Track<'a>,
     pub names: Names,
+    /// How the markers were told where their labels say nothing.
+    pub remark: Option<String>,
 }
 
 impl<'a> Take<'a> {
@@ -141,7 +169,7 @@ impl<'a> Take<'a> {
         let take = capture.motion.points();
         let track = Track { take, mirror: options.mirror };
         let names = labels::name(&take.labels, &track.coverage(), options.swap_sides);
-        let mut out = Self { capture, track, names };
+        let mut out = Self { capture, track, names, remark: None };
         out.correct(options, None);
         out
     }
@@ -218,7 +246,9 @@ impl Human<'_> {
         let options = self.options;
         let mut notes = Notes::default();
         checks::body(self.body, options, &mut notes)?;
-        checks::labels(self.take)?;
+        if let Some(remark) = &self.take.remark {
+            notes.warn(remark.clone());
+        }
         let actor = actor::read(&self.take.track, &self.take.names, &self.take.capture.space, options, &mut notes)
             .map_err(|e| e.file(&self.take.capture.source))?;
         self.check_sides(&actor, &mut notes)?;

@@ -47,23 +47,36 @@ pub(super) fn body(body: &Body, options: &Options, notes: &mut Notes) -> Result<
     Ok(())
 }
 
-/// Enough known labels, and enough of them on the trunk.
-pub(super) fn labels(take: &Take<'_>) -> Result<()> {
-    let named = take.names.count();
-    let core = take.names.iter().filter(|(_, p)| matches!(p.segment(), Segment::Pelvis | Segment::Trunk)).count();
-    if named >= FEWEST_NAMED && core >= 4 {
-        return Ok(());
-    }
+/// Whether enough labels are known, and enough of them on the trunk.
+pub(super) fn are_told(take: &Take<'_>) -> bool {
+    take.names.count() >= FEWEST_NAMED && on_core(take) >= 4
+}
+
+fn on_core(take: &Take<'_>) -> usize {
+    take.names.iter().filter(|(_, p)| matches!(p.segment(), Segment::Pelvis | Segment::Trunk)).count()
+}
+
+/// The refusal of a take whose labels say too little; `why` their places do not help.
+pub(super) fn few_labels(take: &Take<'_>, why: &str) -> Error {
     let unknown: Vec<&str> =
         (0..take.track.take.markers()).filter(|&i| take.names.places[i].is_none()).take(6).map(|i| take.label(i)).collect();
     let unknown = if unknown.is_empty() { String::new() } else { format!(" (unknown: {})", unknown.join(", ")) };
-    Err(Error::refused(format!(
-        "{named} of {} labels name a place on the body, {core} of them on trunk and pelvis{unknown}",
-        take.track.take.markers()
+    Error::refused(format!(
+        "{} of {} labels name a place on the body, {} of them on trunk and pelvis{unknown}; {why}",
+        take.names.count(),
+        take.track.take.markers(),
+        on_core(take),
     ))
     .file(&take.capture.source)
     .expected(format!("{FEWEST_NAMED} known labels, 4 of them on trunk and pelvis"))
-    .hint("--align none when the scan is where the capture's markers are"))
+}
+
+/// The same for a reference capture, whose markers must have names.
+pub(super) fn labels(take: &Take<'_>) -> Result<()> {
+    if are_told(take) {
+        return Ok(());
+    }
+    Err(few_labels(take, "a static trial has to have them").hint("a static trial of the same marker set, or none"))
 }
 
 /// Distances inside segments must agree between take and reference capture.

@@ -125,3 +125,55 @@ fn a_climb_is_refused_or_warned_about() {
         Err(error) => assert_eq!(error.exit_code(), 3),
     }
 }
+
+#[test]
+fn takes_without_labels_are_told_rightly_or_refused() {
+    let mut told = 0;
+    for scan_name in ["bodies/makehuman_male_body_apose_quads.obj.gz", "bodies/nbs_maynard_tpose.obj.gz"] {
+        for take in [
+            "pycgm_rom_static.c3d",
+            "pig_antom_static.c3d",
+            "pig_antom_walk.c3d",
+            "mocap36.c3d",
+            "cmu_01_01.c3d",
+            "mac_jump2.c3d",
+        ] {
+            let (Some(scan_path), Some(take_path)) = (data(&format!("meshes/{scan_name}")), data(&format!("motion/c3d/{take}")))
+            else {
+                eprintln!("skipped: {scan_name} or {take} is not there");
+                continue;
+            };
+            let scan = scan::read(&scan_path).unwrap();
+            let unit_box = UnitBox::of(&scan.mesh).unwrap();
+            let points: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
+            let triangles = scan.mesh.vertex_triangles();
+            let tree = TriangleTree::new(&points, &triangles);
+            let body = landmarks::find(&points, &triangles);
+            let shape = ScanShape { tree: &tree, unit_box, space: &scan.space, mesh: Some(&scan.mesh) };
+            let mut capture = capture::read(&take_path, &capture::ReadOptions::default()).unwrap();
+            let named =
+                bind(&shape, body.clone(), &capture, None, &Options { accept_doubtful: true, ..Options::default() }).unwrap();
+            let labels = capture.motion.points().labels.clone();
+            let truth = |k: usize| named.handles.iter().find(|h| h.label == labels[k]).and_then(|h| h.segment);
+            capture.motion.points_mut().labels = (0..labels.len()).map(|k| format!("U_{k}")).collect();
+            let start = std::time::Instant::now();
+            match bind(&shape, body, &capture, None, &Options::default()) {
+                Ok(bound) => {
+                    let known: Vec<bool> =
+                        bound.handles.iter().filter_map(|h| Some(truth(h.label[2..].parse().unwrap())? == h.segment?)).collect();
+                    let right = known.iter().filter(|r| **r).count() as f64 / known.len() as f64;
+                    eprintln!("{scan_name} x {take}: {:.0} % of {} right, {:?}", 100.0 * right, known.len(), start.elapsed());
+                    assert!(right >= 0.85, "{scan_name} {take}: {right}");
+                    told += 1;
+                }
+                Err(error) => {
+                    eprintln!("{scan_name} x {take}: {}, {:?}", error.found, start.elapsed());
+                    assert_eq!(error.exit_code(), 3);
+                }
+            }
+        }
+    }
+    if data("motion/c3d").is_some() {
+        assert!(told >= 3, "{told} takes told");
+    }
+}

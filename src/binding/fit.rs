@@ -238,6 +238,17 @@ impl Fit {
         bone.origin + (v - along) + along / self.ratios[ratio_of(segment) as usize]
     }
 
+    /// A point of the scan at rest, carried with a segment into the actor's pose: the inverse of [`Fit::carry`].
+    pub(crate) fn pose(&self, body: &Skeleton, segment: Segment, rest: DVec3) -> DVec3 {
+        let bone = body.bone(segment);
+        let mut v = rest - bone.origin;
+        if !segment.is_stiff() {
+            let along = bone.axis * v.dot(bone.axis);
+            v += along * (self.ratios[ratio_of(segment) as usize] - 1.0);
+        }
+        self.origins[segment as usize] + self.rotations[segment as usize] * v * self.size
+    }
+
     /// Segments whose axes lean against their parents by more than 20 degrees more than in the scan, with the angle.
     pub(crate) fn bends(&self, body: &Skeleton) -> Vec<(Segment, f64)> {
         let angle = |segment: Segment| {

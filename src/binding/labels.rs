@@ -128,6 +128,18 @@ pub(crate) fn name(labels: &[String], coverage: &[usize], swap: bool) -> Names {
     Names { places, set: set.map(|set| set.name) }
 }
 
+/// All landmarks of the dictionary, those with a side on both.
+pub(crate) fn all_places() -> Vec<Place> {
+    let mut out: Vec<Place> = Vec::new();
+    let sided = DICTIONARY.sided.values().flat_map(|p| [Side::Left, Side::Right].map(|side| Place { side, ..p.clone() }));
+    for place in DICTIONARY.whole.values().cloned().chain(sided) {
+        if !out.iter().any(|other| other.landmark == place.landmark && other.side == place.side) {
+            out.push(place);
+        }
+    }
+    out
+}
+
 /// Whether the dictionary knows a label.
 pub(crate) fn is_known(label: &str) -> bool {
     DICTIONARY.look_up(label).is_some()

@@ -30,6 +30,7 @@ mod surfaces;
 #[allow(clippy::unwrap_used)]
 mod tests;
 mod track;
+mod unlabelled;
 
 pub use actor::{ActorSpace, actor_space};
 pub use bind::{bind, unit_of_body};
