@@ -3,6 +3,9 @@
 use super::{Node, STACK, TriangleTree};
 use glam::DVec3;
 
+/// Distances nearer to each other than this share of the largest coordinate are the same: rounding leaves a tenth of it.
+const ROUNDING: f64 = 1e-14;
+
 /// The point of a set of triangles nearest to a query.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Closest {
@@ -17,7 +20,8 @@ pub struct Closest {
 }
 
 impl TriangleTree {
-    /// Nearest point of the triangles; `None` when there is no triangle. Of equally near triangles the one with the lowest index.
+    /// Nearest point of the triangles; `None` when there is no triangle. Of triangles that are equally near but for rounding (over an edge that sticks
+    /// out two of them always are) the one with the lowest index.
     pub fn closest(&self, query: DVec3) -> Option<Closest> {
         self.search(query, f64::INFINITY)
     }
@@ -31,13 +35,17 @@ impl TriangleTree {
         if self.nodes.is_empty() || !query.is_finite() {
             return None;
         }
+        let root = &self.nodes[0];
+        let rounding = ROUNDING * root.lo.abs().max(root.hi.abs()).max(query.abs()).max_element();
         let mut best: Option<Closest> = None;
-        let mut least = limit;
+        let mut least = f64::INFINITY;
+        // Squares: nearer than `sure` is nearer, up to `most` is as near.
+        let (mut sure, mut most) = (f64::INFINITY, limit);
         let mut stack = [(0u32, 0.0f64); STACK];
         let mut height = 0;
-        let mut here = (0u32, self.nodes[0].squared_distance(query));
+        let mut here = (0u32, root.squared_distance(query));
         loop {
-            if here.1 <= least {
+            if here.1 <= most {
                 let node = &self.nodes[here.0 as usize];
                 if node.count == 0 {
                     let (left, right) = (here.0 + 1, node.start);
@@ -53,9 +61,14 @@ impl TriangleTree {
                     let (point, barycentric) = on_triangle(query, &self.corners[k]);
                     let squared = point.distance_squared(query);
                     let triangle = self.ids[k] as usize;
-                    if squared < least || squared == least && best.is_none_or(|b| triangle < b.triangle) {
-                        least = squared;
-                        best = Some(Closest { triangle, point, barycentric, distance: squared.sqrt() });
+                    if squared < sure && squared <= limit || squared <= most && best.is_none_or(|b| triangle < b.triangle) {
+                        let distance = squared.sqrt();
+                        best = Some(Closest { triangle, point, barycentric, distance });
+                        if squared < least {
+                            least = squared;
+                            sure = (distance - rounding).max(0.0).powi(2);
+                            most = (distance + rounding).powi(2).min(limit);
+                        }
                     }
                 }
             }

@@ -122,6 +122,27 @@ fn of_doubled_triangles_the_first_is_found() {
 }
 
 #[test]
+fn over_edges_and_corners_the_same_triangle_is_nearest_along_other_axes_and_in_another_unit() {
+    let (points, triangles) = bumpy(20);
+    let here = TriangleTree::new(&points, &triangles);
+    let turned = |p: DVec3| DVec3::new(p.y, p.z, p.x);
+    let rounded = |p: DVec3| p * 1000.0 / 1000.0;
+    let trees =
+        [turned, rounded].map(|map| (map, TriangleTree::new(&points.iter().map(|p| map(*p)).collect::<Vec<_>>(), &triangles)));
+    let mut dice = Dice(4);
+    let mut shared = 0;
+    // Outside, most feet are on edges and corners, which several triangles share.
+    for query in (0..2000).map(|_| dice.point(1.0)).chain(points.iter().copied()) {
+        let found = here.closest(query).unwrap();
+        shared += usize::from(found.barycentric.iter().any(|w| *w < 1e-9));
+        for (map, tree) in &trees {
+            assert_eq!(tree.closest(map(query)).unwrap().triangle, found.triangle, "{query}");
+        }
+    }
+    assert!(shared > 500, "{shared}");
+}
+
+#[test]
 fn a_vertex_of_the_surface_is_its_own_closest_point() {
     let (points, triangles) = bumpy(20);
     let tree = TriangleTree::new(&points, &triangles);

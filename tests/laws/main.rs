@@ -193,7 +193,7 @@ fn residuals_fall_as_weights_rise() {
 
 #[test]
 fn doubled_handles_do_not_tear() {
-    let mut tally = Tally::new("stretch of edges where doubled handles disagree by 1 %", 2.5);
+    let mut tally = Tally::new("stretch of edges where doubled handles disagree by 1 %", 1.5);
     for (maker, case, take) in combinations() {
         let count = case.handles.len();
         let handles: Vec<_> = case.handles.iter().chain(&case.handles).cloned().collect();

@@ -233,6 +233,8 @@ fn limbs_point_where_the_skeletons_do_whatever_the_rest() {
         let binding = bound(&scan, &capture, &Options { yaw: Some(0.0), ..Options::default() }).unwrap();
         let worst = worst_limb(&binding, &capture);
         assert!(worst < 0.01, "arms {arms}: {worst}°");
+        let tangled = rest.turns.len() > 2;
+        assert_eq!(binding.decisions.reference_rest, !tangled, "nobody stands in a tangle");
         let stature = scan.body.stature;
         for (a, b, ..) in LIMBS {
             let rest = attachment(&binding, a).distance(attachment(&binding, b));
@@ -261,6 +263,123 @@ fn a_rest_whose_turns_mean_nothing_is_not_used() {
     // The first frame is the model's own pose but for the places of the shoulders: the chest faces the front there.
     let front = target(&binding, 0, "trunk 86 front") - target(&binding, 0, "trunk 86 back");
     assert!(front.angle_between(DVec3::Z).to_degrees() < 20.0, "{front}");
+}
+
+/// Joints above the hips, in the middle of the pelvis: before, both thighs hang on the pelvis itself.
+fn linked(mut actor: Actor, links: [&str; 2]) -> Actor {
+    for (side, link) in ["Left", "Right"].into_iter().zip(links) {
+        let hip = actor.names.iter().position(|n| *n == format!("{side}UpLeg")).unwrap();
+        actor.names.insert(hip, link.to_owned());
+        actor.parents.insert(hip, Some(0));
+        actor.offsets.insert(hip, DVec3::ZERO);
+        actor.axes.insert(hip, DQuat::IDENTITY);
+        actor.parents.iter_mut().flatten().filter(|p| **p >= hip).for_each(|parent| *parent += 1);
+        actor.parents[hip + 1] = Some(hip);
+    }
+    actor
+}
+
+#[test]
+fn nor_is_a_rest_whose_pelvis_turns_without_its_hips() {
+    let model = person(0.4);
+    let actor = linked(Actor::like(&model, 1.0), ["LHipJoint", "RHipJoint"]);
+    let with = |turn: f64| {
+        let frames = exercise().into_iter().map(|mut frame| {
+            let turn = DVec3::Y * turn;
+            frame.turns.extend([("Hips", turn), ("LHipJoint", -turn), ("RHipJoint", -turn), ("Spine", -turn)]);
+            frame
+        });
+        let capture = actor.capture(&Bend::default(), &frames.collect::<Vec<_>>());
+        bound(&model, &capture, &Options { yaw: Some(0.0), ..Options::default() }).unwrap().decisions.reference_rest
+    };
+    assert!(with(0.0) && !with(1.5));
+}
+
+/// Turn about an axis of the line from one point of the scan to another, against rest, radians.
+fn turn_about(binding: &Binding, frame: usize, axis: DVec3, [from, to]: [&str; 2]) -> f64 {
+    let across = |v: DVec3| v - axis * v.dot(axis);
+    let rest = across(attachment(binding, to) - attachment(binding, from));
+    let posed = across(target(binding, frame, to) - target(binding, frame, from));
+    rest.cross(posed).dot(axis).atan2(rest.dot(posed))
+}
+
+#[test]
+fn bent_elbows_and_knees_tell_the_twist_above_them() {
+    let model = person(0.0);
+    // A rest that means nothing; in the only frame elbows bend to the front and knees to the back, of limbs that are twisted.
+    let frame = bend(&[
+        ("LeftArm", DVec3::X * 0.6),
+        ("LeftForeArm", -DVec3::Y),
+        ("RightArm", DVec3::X * -0.4),
+        ("RightForeArm", DVec3::Y),
+        ("LeftUpLeg", DVec3::Y * 0.5),
+        ("LeftLeg", DVec3::X),
+    ]);
+    let capture = Actor::like(&model, 1.0).capture(&tangle(), &[frame]);
+    let binding = bound(&model, &capture, &Options { yaw: Some(0.0), ..Options::default() }).unwrap();
+    for (axis, part, twist) in
+        [(DVec3::X, "left upper arm 68", 0.6), (DVec3::X, "right upper arm 68", -0.4), (DVec3::Y, "left thigh 68", 0.5)]
+    {
+        let turned = turn_about(&binding, 0, axis, [&format!("{part} back"), &format!("{part} front")]);
+        assert!((turned - twist).abs() < 0.03, "{part}: {turned}");
+    }
+}
+
+#[test]
+fn without_a_rest_the_frame_nearest_to_the_scan_tells() {
+    let model = person(0.0);
+    let frames = [0.6, 0.3, 0.0, 0.001, 0.4].map(arms_down);
+    let capture = Actor::like(&model, 1.0).capture(&tangle(), &frames);
+    let binding = bound(&model, &capture, &Options::default()).unwrap();
+    // Of two that are as near the first.
+    assert_eq!(binding.decisions.reference_frame, 3);
+}
+
+#[test]
+fn feet_that_stand_are_level_wherever_the_toes_are_joined() {
+    let model = person(0.4);
+    let mut actor = Actor::like(&model, 1.0);
+    for name in ["LeftToeBase", "RightToeBase"] {
+        let toe = actor.names.iter().position(|n| n == name).unwrap();
+        actor.offsets[toe].y = 0.0;
+    }
+    let capture = actor.capture(&Bend::default(), &vec![Bend::default(); 8]);
+    let binding = bound(&model, &capture, &Options { yaw: Some(0.0), ..Options::default() }).unwrap();
+    let lifted = target(&binding, 7, "left ankle") - attachment(&binding, "left ankle");
+    for label in ["left foot 60 out", "right foot 60 in", "left toes 85 front"] {
+        let moved = target(&binding, 7, label) - attachment(&binding, label) - lifted;
+        assert!(moved.length() < 1e-3 * model.body.stature, "{label}: {moved}");
+    }
+}
+
+#[test]
+fn shoulders_slide_on_the_chest_but_not_away() {
+    let model = person(0.0);
+    let actor = Actor::like(&model, 1.0);
+    let frames = [0.0, 0.3, 2.5].map(|up| bend(&[("LeftShoulder", DVec3::Z * up)]));
+    let binding = bound(&model, &actor.capture(&Bend::default(), &frames), &Options::default()).unwrap();
+    let moved = |frame: usize| {
+        let from_chest = |place: &dyn Fn(&str) -> DVec3| place("left shoulder") - place("chest");
+        from_chest(&|label| target(&binding, frame, label)) - from_chest(&|label| attachment(&binding, label))
+    };
+    let arm = actor.offsets[actor.names.iter().position(|n| n == "LeftArm").unwrap()];
+    let truth = (DQuat::from_rotation_z(0.3) * arm - arm) / model.unit_box.diagonal;
+    assert!(moved(0).length() < 1e-5 && (moved(1) - truth).length() < 1e-4, "{} {}", moved(1), truth);
+    assert!((moved(2).length() - 0.08 * model.body.stature).abs() < 1e-4, "{}", moved(2).length());
+}
+
+#[test]
+fn hips_almost_in_one_point_do_not_tell_left() {
+    let model = person(0.4);
+    let mut actor = Actor::like(&model, 1.0);
+    for (name, x) in [("LeftUpLeg", 0.002), ("RightUpLeg", -0.002)] {
+        let hip = actor.names.iter().position(|n| n == name).unwrap();
+        actor.offsets[hip] = DVec3::new(x, -0.03, 3.0 * x);
+    }
+    let capture = actor.capture(&Bend::default(), &vec![Bend::default(); 3]);
+    let binding = bound(&model, &capture, &Options::default()).unwrap();
+    let front = target(&binding, 0, "trunk 86 front") - target(&binding, 0, "trunk 86 back");
+    assert!(binding.decisions.yaw.abs() < 1.0 && front.angle_between(DVec3::Z) < 0.1, "{} {front}", binding.decisions.yaw);
 }
 
 #[test]
@@ -304,19 +423,7 @@ fn an_animal_without_names_of_a_person_is_refused() {
 #[test]
 fn hips_in_one_point_are_a_link_more() {
     let model = person(0.4);
-    let mut actor = Actor::like(&model, 1.0);
-    let at = |actor: &Actor, name: &str| actor.names.iter().position(|n| n == name).unwrap();
-    for (side, hip) in [("Left", "__LeftUpLeg"), ("Right", "__RightUpLeg")] {
-        let old = at(&actor, &format!("{side}UpLeg"));
-        actor.names.insert(old, hip.to_owned());
-        actor.parents.insert(old, Some(0));
-        actor.offsets.insert(old, DVec3::ZERO);
-        actor.axes.insert(old, DQuat::IDENTITY);
-        for parent in actor.parents.iter_mut().flatten().filter(|p| **p >= old) {
-            *parent += 1;
-        }
-        actor.parents[old + 1] = Some(old);
-    }
+    let actor = linked(Actor::like(&model, 1.0), ["__LeftUpLeg", "__RightUpLeg"]);
     let capture = actor.capture(&Bend::default(), &exercise());
     let Motion::Skeleton(take) = &capture.motion else { unreachable!() };
     let cast = cast::by_names(&Rig { take, mirror: false }, false, &BTreeMap::new()).unwrap();
@@ -376,17 +483,17 @@ fn twist_follows_the_hand_and_half_of_it_the_cuff() {
     let actor = Actor::like(&model, 1.0);
     // The left arm lies along +x.
     let frames: Vec<Bend> = (0..=9).map(|k| bend(&[("LeftHand", DVec3::X * 0.15 * f64::from(k))])).collect();
-    let capture = actor.capture(&Bend::default(), &frames);
-    let binding = bound(&model, &capture, &Options::default()).unwrap();
-    let turned = |frame: usize, a: &str, b: &str| {
-        let across = |v: DVec3| DVec3::new(0.0, v.y, v.z);
-        let rest = across(attachment(&binding, a) - attachment(&binding, b));
-        let posed = across(target(&binding, frame, a) - target(&binding, frame, b));
-        rest.cross(posed).x.atan2(rest.dot(posed))
-    };
-    assert!((turned(9, "left hand 40 front", "left hand 40 back") - 1.35).abs() < 1e-3);
-    assert!((turned(9, "left forearm 82 front", "left forearm 82 back") - 0.675).abs() < 1e-3);
-    assert!(turned(9, "left forearm 32 front", "left forearm 32 back").abs() < 1e-3);
+    let mut capture = actor.capture(&Bend::default(), &frames);
+    for negated in [false, true] {
+        // Two quaternions stand for one turn.
+        let Motion::Skeleton(take) = &mut capture.motion else { unreachable!() };
+        take.rotations.iter_mut().step_by(if negated { 2 } else { 1 }).for_each(|q| *q = q.map(|x| -x));
+        let binding = bound(&model, &capture, &Options::default()).unwrap();
+        let turned = |ends: [&str; 2]| turn_about(&binding, 9, DVec3::X, ends);
+        assert!((turned(["left hand 40 back", "left hand 40 front"]) - 1.35).abs() < 1e-3);
+        assert!((turned(["left forearm 82 back", "left forearm 82 front"]) - 0.675).abs() < 1e-3);
+        assert!(turned(["left forearm 32 back", "left forearm 32 front"]).abs() < 1e-3);
+    }
 }
 
 #[test]
@@ -412,6 +519,13 @@ fn feet_stand_on_the_floor_of_the_scan_and_steps_scale_with_the_legs() {
     let binding = bound(&model, &actor.capture(&Bend::default(), &frames), &Options::default()).unwrap();
     let ankle = |f: usize| target(&binding, f, "left ankle");
     assert!((ankle(0).y - attachment(&binding, "left ankle").y).abs() < 1e-4);
+    // Who crouches from the first frame on stands on it too.
+    let crouch = [-0.9, 1.8, -0.9].map(|angle| DVec3::X * angle);
+    let joints = ["LeftUpLeg", "LeftLeg", "LeftFoot", "RightUpLeg", "RightLeg", "RightFoot"];
+    let crouch: Vec<_> = joints.into_iter().zip(crouch.into_iter().cycle()).collect();
+    let crouching = bound(&model, &actor.capture(&Bend::default(), &vec![bend(&crouch); 4]), &Options::default()).unwrap();
+    let height = target(&crouching, 3, "right ankle").y - attachment(&crouching, "right ankle").y;
+    assert!(height.abs() < 1e-3, "{height}");
     // Twice as long legs take twice as long steps.
     let way = (ankle(19) - ankle(0)) * model.unit_box.diagonal;
     assert!((way - DVec3::new(0.0, 0.0, 3.8)).length() < 2e-3, "{way}");
@@ -479,25 +593,29 @@ fn mirrored_axes_are_undone() {
 #[test]
 fn nameless_joints_are_told_by_their_form() {
     let model = person(0.3);
-    let mut actor = Actor::like(&model, 1.0);
-    let named = actor.capture(&Bend::default(), &exercise());
-    for (j, name) in actor.names.iter_mut().enumerate() {
-        *name = format!("Bone.{j:03}");
+    // The left side first, and the right.
+    let other: Vec<usize> = [0..5, 10..15, 5..10, 19..23, 15..19].into_iter().flatten().collect();
+    for order in [(0..MIXAMO.len()).collect(), other] {
+        let plain = Actor::like(&model, 1.0);
+        let place = |joint: usize| order.iter().position(|&j| j == joint).unwrap();
+        let actor = Actor {
+            names: order.iter().map(|&j| plain.names[j].clone()).collect(),
+            parents: order.iter().map(|&j| plain.parents[j].map(place)).collect(),
+            offsets: order.iter().map(|&j| plain.offsets[j]).collect(),
+            axes: order.iter().map(|&j| plain.axes[j]).collect(),
+        };
+        let named = actor.capture(&Bend::default(), &exercise());
+        let unnamed = nameless(actor).capture(&Bend::default(), &exercise());
+        let [Motion::Skeleton(take), Motion::Skeleton(blank)] = [&named.motion, &unnamed.motion] else { unreachable!() };
+        let rig = |take| Rig { take, mirror: false };
+        let by_name = cast::by_names(&rig(take), false, &BTreeMap::new()).unwrap();
+        let by_form = form::cast(&rig(blank), false).unwrap();
+        assert_eq!(by_form.arms, by_name.arms);
+        assert_eq!(by_form.legs, by_name.legs);
+        assert_eq!((by_form.spine, by_form.neck, by_form.head), (by_name.spine, by_name.neck, by_name.head));
+        let binding = bound(&model, &unnamed, &Options::default()).unwrap();
+        assert!(binding.notes.iter().any(|n| n.contains("the form of the skeleton tells")));
     }
-    let Motion::Skeleton(take) = named.motion.clone() else { unreachable!() };
-    let mut nameless = named.clone();
-    if let Motion::Skeleton(take) = &mut nameless.motion {
-        take.joints.iter_mut().zip(&actor.names).for_each(|(joint, name)| joint.name.clone_from(name));
-    }
-    let rig = |take| Rig { take, mirror: false };
-    let by_name = cast::by_names(&rig(&take), false, &BTreeMap::new()).unwrap();
-    let Motion::Skeleton(take) = &nameless.motion else { unreachable!() };
-    let by_form = form::cast(&rig(take), false).unwrap();
-    assert_eq!(by_form.arms, by_name.arms);
-    assert_eq!(by_form.legs, by_name.legs);
-    assert_eq!((by_form.spine, by_form.neck, by_form.head), (by_name.spine, by_name.neck, by_name.head));
-    let binding = bound(&model, &nameless, &Options::default()).unwrap();
-    assert!(binding.notes.iter().any(|n| n.contains("the form of the skeleton tells")));
 }
 
 #[test]
@@ -640,6 +758,14 @@ fn only_joints_inside_a_person_are_taken_as_they_are() {
     assert_eq!(align(1.0, 0.0, DVec3::new(0.15, 0.0, 0.1)), Align::Retarget);
     assert_eq!(align(1.0, std::f64::consts::PI, DVec3::ZERO), Align::Retarget);
     assert_eq!(align(0.88, 0.0, DVec3::ZERO), Align::Retarget);
+    // Without toes, who is turned round lies in the scan too.
+    let mut stumps = Actor::like(&model, 1.0);
+    let toes = stumps.offsets.iter_mut().zip(MIXAMO).filter(|(_, made)| made.0.ends_with("ToeBase"));
+    toes.for_each(|(offset, _)| *offset = DVec3::Z * 0.01);
+    for (turn, expected) in [(0.0, Align::None), (std::f64::consts::PI, Align::Retarget)] {
+        let capture = in_the_scan(&stumps, &Bend::default(), &[Bend::default()], 1.0, turn, DVec3::ZERO);
+        assert_eq!(bound(&model, &capture, &Options::default()).unwrap().decisions.align, expected, "{turn}");
+    }
     let capture = in_the_scan(&actor, &Bend::default(), &[Bend::default()], 1.0, 0.0, DVec3::ZERO);
     let asked = Options { align: Align::Retarget, ..Options::default() };
     assert_eq!(bound(&model, &capture, &asked).unwrap().decisions.align, Align::Retarget);
