@@ -403,7 +403,7 @@ fn a_turning_handle_lets_go_where_it_has_no_row() {
     assert!((back - 2f64.to_degrees()).abs() < 1.5, "{back}");
     let steps = turns.windows(2).map(|w| (w[1] - w[0]).abs());
     let fastest = steps.skip(19).fold(0.0, f64::max);
-    assert!(fastest > 2.0 && fastest < 15.0, "it goes and comes piece by piece: {fastest}: {turns:.1?}");
+    assert!(fastest > 2.0 && fastest < 18.0, "it goes and comes piece by piece: {fastest}: {turns:.1?}");
     let arguments = ["bar.obj", "gap.csv", "-o", "out.pc2", "--proxy-vertices", "500", "--force"];
     let said = retarget_ok(work.path(), arguments.iter().chain(HOLDS[2]));
     assert!(said.contains("handle right has no place in 60 frames") && !said.contains("handle left has"), "{said}");
