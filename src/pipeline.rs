@@ -27,15 +27,6 @@ pub const BATCH: usize = 8;
 /// Frames solved before the first one that is written, so that a frame hardly depends on where the range begins.
 pub const PRE_ROLL: usize = 8;
 
-/// Frames over which an oriented handle that returns regains its full pull.
-const FADE: f64 = 5.0;
-
-/// The pull of an oriented handle that had the pull `held` in the frame before: one that is missing lets go at once, one that returns regains it over a few
-/// frames.
-fn faded(held: f64, present: bool) -> f64 {
-    if present { (held + 1.0 / FADE).min(1.0) } else { 0.0 }
-}
-
 /// Everything that a run needs, set up.
 pub struct Job<'a> {
     /// Shared with the sinks.
@@ -323,9 +314,9 @@ impl<'a> Solver<'a> {
         self.job.header.cancel.check()?;
         let start = Instant::now();
         self.job.binding.targets(self.job.take, frame, &mut self.targets.positions, &mut self.present);
-        self.fading.follow(self.job.handles, self.job.deformer.pose(), &self.present, &mut self.targets);
+        let passage = self.fading.follow(self.job.handles, self.job.deformer.pose(), &self.present, &mut self.targets);
         let places = if self.job.oriented.is_empty() { &[] } else { self.job.binding.turning.frame(frame) };
-        let placements = self.oriented.place(places, self.job.deformer.pose(), self.cold);
+        let placements = self.oriented.place(places, self.job.deformer.pose(), passage);
         self.job.deformer.place(placements)?;
         let stats = if std::mem::take(&mut self.cold) {
             self.job.deformer.start(&self.targets)?

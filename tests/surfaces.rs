@@ -147,6 +147,6 @@ fn the_running_cat_moves_its_own_reference() {
             .sum::<f64>()
             .sqrt();
         let (rms, worst) = errors(&frames[number - 1], &truth, size);
-        assert!(rms < 0.7 && worst < 3.0, "frame {number}: {rms:.3} % {worst:.3} %");
+        assert!(rms < 0.5 && worst < 3.0, "frame {number}: {rms:.3} % {worst:.3} %");
     }
 }

@@ -13,7 +13,8 @@ pub struct Handle {
     pub name: String,
     /// Where it sits, as a row over proxy vertices; applied to the rest pose it gives the attachment point.
     pub row: SparseRow,
-    /// Hardness relative to the body (`volumetric`: `a_h = beta · max L_vv` over the row's vertices with a share of 0.1 or more). 1 is the default, 0.1 doubtful.
+    /// Hardness relative to the body (`volumetric`: `a_h = 2 beta Σ |b_v| L_vv` over the row's coefficients). 1 is the default,
+    /// 0.1 doubtful.
     pub beta: f64,
 }
 

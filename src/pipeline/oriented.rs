@@ -1,6 +1,6 @@
 //! Places of oriented handles in a frame, and how far the body stays from them.
 
-use super::faded;
+use super::fading::{Fade, Passage, SLOWING};
 use crate::binding::driven::Place;
 use crate::deform::{Grip, OrientedHandle, Placement};
 use crate::linalg::{SparseRow, nearest_rotation};
@@ -12,11 +12,18 @@ pub(super) struct OrientedTargets {
     placements: Vec<Placement>,
 }
 
-/// The points that a handle carries.
+/// The points that a handle carries, and how far it is on its way out or back.
 struct Carried {
     rows: Vec<SparseRow>,
     /// From the handle to each of them, at rest.
     offsets: Vec<DVec3>,
+    /// Whether they are where it puts them: such a handle cannot let go by and by.
+    exact: bool,
+    fade: Fade,
+    /// From its place to where the body had it when it returned.
+    offset: (DVec3, DQuat),
+    /// Its way in a frame besides that of the body.
+    own: DVec3,
 }
 
 impl OrientedTargets {
@@ -30,44 +37,85 @@ impl OrientedTargets {
                 }
             };
             let offsets = rows.iter().map(|row| row.apply(rest) - handle.rest).collect();
-            Carried { rows, offsets }
+            let exact = matches!(handle.grip, Grip::Exact { .. });
+            Carried { rows, offsets, exact, fade: Fade::default(), offset: (DVec3::ZERO, DQuat::IDENTITY), own: DVec3::ZERO }
         });
         let at_rest = |h: &OrientedHandle| Placement { position: h.rest, orientation: DQuat::IDENTITY, presence: 0.0 };
         Self { carried: carried.collect(), placements: handles.iter().map(at_rest).collect() }
     }
 
-    /// The placements of a frame. `pose`: the proxy after the frame before; `cold`: there was none.
+    /// The placements of a frame. `pose`: the proxy after the frame before.
     ///
     /// A handle that returns comes back from where the body has taken it.
-    pub(super) fn place(&mut self, places: &[Option<Place>], pose: &[DVec3], cold: bool) -> &[Placement] {
-        for ((placement, place), carried) in self.placements.iter_mut().zip(places).zip(&self.carried) {
-            placement.presence =
-                if cold { f64::from(u8::from(place.is_some())) } else { faded(placement.presence, place.is_some()) };
-            let Some(place) = place else { continue };
-            (placement.position, placement.orientation) = (place.position, place.turn);
-            if placement.presence < 1.0 {
-                let (position, turn) = carried.place(pose);
-                placement.position = position.lerp(place.position, placement.presence);
-                placement.orientation = turn.slerp(place.turn, placement.presence);
+    pub(super) fn place(&mut self, places: &[Option<Place>], pose: &[DVec3], passage: Passage) -> &[Placement] {
+        let along = if passage.cut { DVec3::ZERO } else { passage.drift.unwrap_or_else(|| self.drift(places)) };
+        for ((placement, place), carried) in self.placements.iter_mut().zip(places).zip(&mut self.carried) {
+            match place {
+                Some(place) => {
+                    if passage.cut {
+                        carried.fade.cut(true);
+                    } else if carried.fade.presence() < 1.0 {
+                        carried.take_hold(place, pose);
+                    }
+                    let left = carried.fade.left();
+                    let position = place.position + carried.offset.0 * left;
+                    carried.own = if passage.cut { DVec3::ZERO } else { position - placement.position - along };
+                    placement.position = position;
+                    placement.orientation =
+                        if left > 0.0 { DQuat::IDENTITY.slerp(carried.offset.1, left) * place.turn } else { place.turn };
+                }
+                None if passage.cut || carried.exact => carried.fade.cut(false),
+                None if carried.fade.presence() > 0.0 => {
+                    let vanishes = carried.fade.presence() == 1.0;
+                    carried.fade.let_go(if vanishes { 0.0 } else { carried.slip(placement, pose) });
+                    let (position, turn) = carried.place(pose);
+                    placement.position = position + along + carried.own;
+                    placement.orientation = turn;
+                    carried.own *= SLOWING;
+                }
+                None => {}
             }
+            placement.presence = carried.fade.presence();
         }
         &self.placements
     }
 
-    /// Mean distance of what each present handle carries from where it puts that, and its number. In the unit of `pose`.
+    /// Mean move of the settled handles to their places.
+    fn drift(&self, places: &[Option<Place>]) -> DVec3 {
+        let all = self.carried.iter().zip(&self.placements).zip(places);
+        let settled = all.filter_map(|((c, placement), place)| {
+            Some(place.as_ref().filter(|_| c.fade.is_settled())?.position - placement.position)
+        });
+        let (sum, count) = settled.fold((DVec3::ZERO, 0.0), |(sum, count), step| (sum + step, count + 1.0));
+        if count > 0.0 { sum / count } else { DVec3::ZERO }
+    }
+
+    /// Mean distance of what each handle with a place carries from where it puts that, and its number. In the unit of `pose`.
     pub(super) fn distances<'a>(&'a self, pose: &'a [DVec3]) -> impl Iterator<Item = (usize, f64)> + 'a {
-        let present = self.placements.iter().zip(&self.carried).enumerate().filter(|(_, (p, _))| p.presence > 0.0);
-        present.map(|(h, (placement, carried))| {
-            let off = |(row, offset): (&SparseRow, &DVec3)| {
-                row.apply(pose).distance(placement.position + placement.orientation * *offset)
-            };
-            let sum: f64 = carried.rows.iter().zip(&carried.offsets).map(off).sum();
-            (h, sum / carried.rows.len() as f64)
-        })
+        let present = self.placements.iter().zip(&self.carried).enumerate().filter(|(_, (p, _))| p.presence == 1.0);
+        present.map(|(h, (placement, carried))| (h, carried.distances(placement, pose).sum::<f64>() / carried.rows.len() as f64))
     }
 }
 
 impl Carried {
+    /// Distances of the points from where `placement` puts them.
+    fn distances<'a>(&'a self, placement: &'a Placement, pose: &'a [DVec3]) -> impl Iterator<Item = f64> + 'a {
+        let put = |offset: &DVec3| placement.position + placement.orientation * *offset;
+        self.rows.iter().zip(&self.offsets).map(move |(row, offset)| row.apply(pose).distance(put(offset)))
+    }
+
+    /// The largest of them.
+    fn slip(&self, placement: &Placement, pose: &[DVec3]) -> f64 {
+        self.distances(placement, pose).fold(0.0, f64::max)
+    }
+
+    fn take_hold(&mut self, place: &Place, pose: &[DVec3]) {
+        let (position, turn) = self.place(pose);
+        self.offset = (position - place.position, turn * place.turn.inverse());
+        let there = Placement { position: place.position, orientation: place.turn, presence: 1.0 };
+        self.fade.take_hold(self.slip(&there, pose));
+    }
+
     /// Where the body has taken the handle, and how far it has turned it: the rigid motion that brings the points nearest to where they are.
     fn place(&self, pose: &[DVec3]) -> (DVec3, DQuat) {
         let count = self.rows.len() as f64;
@@ -85,6 +133,7 @@ impl Carried {
 
 #[cfg(test)]
 mod tests {
+    use super::super::fading::STRIDE;
     use super::*;
 
     fn handle() -> (OrientedHandle, Vec<DVec3>) {
@@ -93,27 +142,56 @@ mod tests {
         (OrientedHandle { name: "h".into(), rest: DVec3::new(0.2, 3.0, 0.0), grip }, rest)
     }
 
+    const CUT: Passage = Passage { cut: true, drift: None };
+    const ON: Passage = Passage { cut: false, drift: None };
+
     #[test]
-    fn a_handle_lets_go_at_once_and_comes_back_from_where_the_body_took_it() {
+    fn a_handle_lets_go_by_and_by_and_comes_back_from_where_the_body_took_it() {
         let (handle, rest) = handle();
         let mut targets = OrientedTargets::new(std::slice::from_ref(&handle), &rest);
         let far = Place { position: DVec3::new(1.0, 2.0, 3.0), turn: DQuat::from_rotation_y(1.0) };
-        let placed = targets.place(&[Some(far)], &rest, true)[0];
+        let placed = targets.place(&[Some(far)], &rest, CUT)[0];
         assert!(placed.presence == 1.0 && placed.position == far.position, "{placed:?}");
-        assert_eq!(targets.place(&[None], &rest, false)[0].presence, 0.0);
-        assert_eq!(targets.distances(&rest).count(), 0);
-        // Meanwhile the body has moved.
+        // The body is elsewhere: what the handle holds slips away from it.
         let (turn, shift) = (DQuat::from_rotation_z(0.7), DVec3::new(0.0, -1.0, 0.5));
         let pose: Vec<DVec3> = rest.iter().map(|p| turn * *p + shift).collect();
         let carried = turn * handle.rest + shift;
-        let back = targets.place(&[Some(far)], &pose, false)[0];
-        assert!(back.presence > 0.0 && back.presence < 0.5, "{back:?}");
-        assert!(back.position.distance(carried.lerp(far.position, back.presence)) < 1e-12, "{back:?}");
-        assert!(back.orientation.angle_between(turn.slerp(far.turn, back.presence)) < 1e-6, "{back:?}");
-        for _ in 0..5 {
-            targets.place(&[Some(far)], &pose, false);
+        let along = DVec3::X * 0.01;
+        let (mut presence, mut pulls) = (1.0, 0);
+        for frame in 0..200 {
+            let gone = targets.place(&[None], &pose, Passage { drift: Some(along), ..ON })[0];
+            assert!(gone.presence < presence || presence == 0.0, "{frame}: {gone:?}");
+            presence = gone.presence;
+            if presence > 0.0 {
+                pulls += 1;
+                assert!(gone.position.distance(carried + along) < 1e-12, "{frame}: {gone:?}");
+                assert!(gone.orientation.angle_between(turn) < 1e-6, "{frame}: {gone:?}");
+            }
         }
-        assert_eq!(targets.placements[0], placed);
+        assert!(presence == 0.0 && pulls > 100, "{pulls}");
+        assert_eq!(targets.distances(&pose).count(), 0);
+        let points = |p: &Placement| [0, 1, 3, 4].map(|v| p.position + p.orientation * (rest[v] - handle.rest));
+        let mut last = [0, 1, 3, 4].map(|v| pose[v]);
+        let mut frames = 0;
+        while targets.placements[0] != placed {
+            let back = targets.place(&[Some(far)], &pose, ON)[0];
+            let now = points(&back);
+            let step = now.iter().zip(last).map(|(a, b)| a.distance(b)).sum::<f64>() / 4.0;
+            assert!(back.presence == 1.0 && step < 1.2 * STRIDE, "{frames}: {step}");
+            (last, frames) = (now, frames + 1);
+            assert!(frames < 2_000);
+        }
+        assert!(frames > 300, "{frames}");
+    }
+
+    #[test]
+    fn what_is_held_exactly_is_let_go_at_once() {
+        let (handle, rest) = handle();
+        let handle = OrientedHandle { grip: Grip::Exact { vertices: vec![0, 1, 3, 4] }, ..handle };
+        let mut targets = OrientedTargets::new(std::slice::from_ref(&handle), &rest);
+        let place = Place { position: handle.rest, turn: DQuat::IDENTITY };
+        targets.place(&[Some(place)], &rest, CUT);
+        assert_eq!(targets.place(&[None], &rest, ON)[0].presence, 0.0);
     }
 
     #[test]
@@ -121,7 +199,7 @@ mod tests {
         let (handle, rest) = handle();
         let mut targets = OrientedTargets::new(std::slice::from_ref(&handle), &rest);
         let turned = Place { position: handle.rest, turn: DQuat::from_rotation_z(0.5) };
-        targets.place(&[Some(turned)], &rest, true);
+        targets.place(&[Some(turned)], &rest, CUT);
         let found: Vec<(usize, f64)> = targets.distances(&rest).collect();
         let chord = |v: usize| 2.0 * (0.25_f64).sin() * (rest[v] - handle.rest).truncate().length();
         let expected = [0, 1, 3, 4].into_iter().map(chord).sum::<f64>() / 4.0;

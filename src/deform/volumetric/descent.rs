@@ -5,8 +5,8 @@ use super::{FrameStats, Volumetric};
 use crate::linalg::lanes::{Lanes, add_scaled, longest};
 use glam::DVec3;
 
-/// Passes after which a frame is left as it is, warm and cold.
-const MOST_PASSES: (u32, u32) = (60, 200);
+/// Passes after which a frame is left as it is, warm and cold. Where a crease snaps, a frame of a squat takes up to 114.
+const MOST_PASSES: (u32, u32) = (120, 200);
 
 /// Iterations after which the coarse level is turned with the body again, warm and cold.
 const REBUILD: (u32, u32) = (8, 6);

@@ -20,7 +20,7 @@ const FOLDING: f64 = 0.9;
 
 /// Weight of the drag of a flat tetrahedron, relative to its own. Twice as much calms creases further, but the matrix does not know of it: more frames then
 /// end at the cap of passes, and the handles of a squat lag more.
-const STRENGTH: f64 = 1.2;
+const STRENGTH: f64 = 1.6;
 
 /// Mean move of the targets in a frame, in diagonals, from which the drag is full: less than half a millimetre of a person.
 const PACE: f64 = 2e-4;

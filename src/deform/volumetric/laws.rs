@@ -399,8 +399,11 @@ fn the_residual_falls_with_the_hardness() {
         deformer.start(&targets).unwrap();
         handles.iter().zip(&targets.positions).fold(0.0_f64, |m, (h, t)| m.max(h.row.apply(deformer.pose()).distance(*t)))
     };
+    // A spring against a spring: the inverse of the residual is linear in the hardness.
     let (soft, hard, harder) = (residual(10.0), residual(100.0), residual(1000.0));
-    assert!((soft / hard - 10.0).abs() < 1.0 && (hard / harder - 10.0).abs() < 0.2, "{soft} {hard} {harder}");
+    let slopes = [(1.0 / hard - 1.0 / soft) / 90.0, (1.0 / harder - 1.0 / hard) / 900.0];
+    assert!((slopes[0] / slopes[1] - 1.0).abs() < 0.01, "{soft} {hard} {harder}");
+    assert!((hard / harder - 10.0).abs() < 0.2, "{hard} {harder}");
 }
 
 #[test]
