@@ -16,6 +16,7 @@ mod places;
 mod raw;
 mod reference;
 pub mod regions;
+mod registration;
 mod segments;
 pub mod select;
 mod similarity;
