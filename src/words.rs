@@ -19,7 +19,7 @@ pub(crate) fn count(n: usize) -> String {
 pub(crate) fn plural(n: usize, noun: &str) -> String {
     let tail = if n == 1 {
         ""
-    } else if noun.ends_with('x') {
+    } else if noun.ends_with('x') || noun.ends_with("sh") {
         "es"
     } else {
         "s"

@@ -87,15 +87,15 @@ pub fn bind(
     {
         return bound;
     }
+    if let Motion::Vertices(vertices) = &capture.motion {
+        return surfaces::bind(scan, body.as_ref().ok(), capture, vertices, reference, options);
+    }
     if options.align == Align::None {
         let mut binding = raw::bind_as_it_is(scan, body.as_ref().ok(), &take, options)?;
         if reference.is_some() {
             binding.notes.warn("the reference capture is not used with --align none");
         }
         return Ok(binding);
-    }
-    if let Motion::Vertices(vertices) = &capture.motion {
-        return surfaces::bind(scan, body.as_ref().ok(), capture, vertices, reference, options);
     }
     let body = match body {
         Ok(body) => oriented(body, options),

@@ -18,6 +18,7 @@ mod plant;
 mod raw;
 mod reference;
 pub mod regions;
+mod registration;
 mod retarget;
 pub mod rig;
 mod segments;

@@ -2,9 +2,11 @@
 
 use super::c3d::C3d;
 use super::table::Table;
+use super::triads::Triads;
 use super::{Capture, Cleaning, MarkerTake, Motion, ReadOptions, clean, labels, segments, source};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::space::{Known, Space, Unit};
+use crate::words;
 use glam::DVec3;
 use std::io::{Read, Seek};
 use std::path::Path;
@@ -83,6 +85,16 @@ fn markers(
     }
     let wanted = options.subject.as_deref();
     let selection = labels::select(&head.labels, &head.computed, &head.subjects, wanted, &mut cleaning, &mut notes)?;
+    if let Some(triads) = Triads::of(&head.labels, &selection) {
+        let (points, origin) = points(&triads.columns(), &mut notes)?;
+        let (take, skew) = triads.skeleton(&points, origin);
+        notes.warn(format!("all {} points have the tips of two axes (…Y, …Z): they are joints that turn", take.joints.len()));
+        if skew > 0 {
+            notes.warn(format!("{} of joints whose axes are not at right angles: gaps", words::plural(skew, "place")));
+        }
+        head.subjects = selection.subject.map_or(head.subjects, |subject| vec![subject]);
+        return segments::assemble(take, Head { notes, ..head }, path, options);
+    }
     let (points, origin) = points(&selection.columns, &mut notes)?;
     let mut take = MarkerTake { labels: selection.labels, points, origin };
     let mut first_frame = head.first_frame;

@@ -104,7 +104,8 @@ impl Format {
         use Format::{Acclaim, C3d, Fbx, Gltf, MarkerCsv, MotiveCsv, Trc};
         let given = [
             ("--subject", options.subject.is_some(), matches!(self, C3d | Trc | MarkerCsv | MotiveCsv)),
-            ("--bodies", options.bodies, matches!(self, C3d | MotiveCsv)),
+            ("--bodies", options.bodies, matches!(self, C3d | MotiveCsv | Gltf)),
+            ("--surface", options.surface, self == Gltf),
             ("--clip", options.clip.is_some(), matches!(self, Gltf | Fbx)),
             ("--skeleton", options.skeleton.is_some(), self == Acclaim),
             ("--rate", options.rate.is_some(), !matches!(self, C3d | Gltf | Fbx)),
@@ -135,7 +136,18 @@ impl Format {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
+
+    #[test]
+    #[cfg(not(feature = "fbx"))]
+    fn without_its_library_fbx_is_refused_with_the_way_out() {
+        for bytes in [&b"Kaydara FBX Binary  \0\x1a\0"[..], b"; FBX 7.4.0 project file"] {
+            let error = crate::capture::read_bytes(bytes.to_vec(), Path::new("walk.fbx"), &ReadOptions::default()).unwrap_err();
+            assert!(error.kind == Kind::Unsupported && error.found.ends_with("built without FBX"), "{error}");
+            assert!(error.hint.as_deref().is_some_and(|h| h.contains("feature 'fbx'")), "{error}");
+        }
+    }
 
     #[test]
     fn options_that_say_nothing_of_a_format_are_told() {
@@ -143,6 +155,7 @@ mod tests {
             subject: Some("Ann".into()),
             rate: Some(60.0),
             bodies: true,
+            surface: true,
             clip: Some("Walk".into()),
             skeleton: Some("a.asf".into()),
             as_found: false,
@@ -151,11 +164,11 @@ mod tests {
             let notes = format.not_used(&options);
             notes.iter().map(|n| n.split(' ').next().unwrap_or_default().to_owned()).collect::<Vec<_>>().join(" ")
         };
-        assert_eq!(said(Format::C3d), "--clip --skeleton --rate");
-        assert_eq!(said(Format::Bvh), "--subject --bodies --clip --skeleton");
-        assert_eq!(said(Format::Acclaim), "--subject --bodies --clip");
-        assert_eq!(said(Format::Gltf), "--subject --bodies --skeleton --rate");
-        assert_eq!(said(Format::HandleCsv), "--subject --bodies --clip --skeleton");
+        assert_eq!(said(Format::C3d), "--surface --clip --skeleton --rate");
+        assert_eq!(said(Format::Bvh), "--subject --bodies --surface --clip --skeleton");
+        assert_eq!(said(Format::Acclaim), "--subject --bodies --surface --clip");
+        assert_eq!(said(Format::Gltf), "--subject --skeleton --rate");
+        assert_eq!(said(Format::HandleCsv), "--subject --bodies --surface --clip --skeleton");
         assert!(Format::Bvh.not_used(&ReadOptions::default()).is_empty());
     }
 }

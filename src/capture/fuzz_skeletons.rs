@@ -2,7 +2,7 @@
 //! ends soon, within memory in proportion to them, in a sound take or in an error that says something.
 
 use super::skeleton::{ALWAYS_ALLOWED, LARGEST_RATIO, SkeletonFile};
-use super::{Rest, acclaim, bvh, gltf};
+use super::{Capture, Motion, Rest, acclaim, bvh, gltf};
 use crate::error::{Error, Kind, Result};
 
 /// Reads the bytes as BVH; tells whether they were read.
@@ -16,9 +16,14 @@ pub fn acclaim(bytes: &[u8]) -> bool {
     sound(bytes, acclaim::parse(&bytes[..cut], bytes.get(cut + 1..).unwrap_or_default()))
 }
 
-/// Reads the bytes as glTF or GLB.
+/// Reads the bytes as glTF or GLB: its joints and its meshes.
 pub fn gltf(bytes: &[u8]) -> bool {
-    sound(bytes, gltf::read(bytes, &|_| Err(Error::new(Kind::Unreadable, "there is no file beside it")), None))
+    let alone = |_: &str| Err(Error::new(Kind::Unreadable, "there is no file beside it"));
+    match gltf::read_surface(bytes, &alone) {
+        Ok(capture) => check_surface(&capture, bytes.len()),
+        Err(error) => assert!(!error.found.is_empty() && error.found.len() < 2000, "{error:?}"),
+    }
+    sound(bytes, gltf::read_joints(bytes, &alone, None))
 }
 
 /// Reads the bytes as FBX.
@@ -38,6 +43,18 @@ fn sound(bytes: &[u8], read: Result<SkeletonFile>) -> bool {
             false
         }
     }
+}
+
+/// Asserts what the reader of meshes promises of a surface from `length` bytes.
+fn check_surface(capture: &Capture, length: usize) {
+    let Motion::Vertices(take) = &capture.motion else { panic!("no surface") };
+    let (vertices, points) = (take.vertices.len(), &take.points.points);
+    assert!(vertices > 0 && !points.is_empty() && points.len().is_multiple_of(vertices));
+    assert!(12 * points.len() <= ALWAYS_ALLOWED + LARGEST_RATIO * (length + (1 << 20)), "{} places", points.len());
+    assert!(take.vertices.iter().all(|&v| (v as usize) < take.count) && take.points.labels.len() == vertices);
+    assert!(points.iter().all(|p| p.iter().all(|x| x.is_nan() == p[0].is_nan() && !x.is_infinite())));
+    assert!(capture.rate.is_finite() && capture.rate > 0.0 && take.points.origin.is_finite());
+    assert!(capture.notes.iter().count() < 20 && capture.notes.iter().all(|n| n.len() < 4000));
 }
 
 /// Asserts what every reader promises of a take from `length` bytes.

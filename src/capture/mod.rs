@@ -30,6 +30,7 @@ mod source;
 mod swaps;
 mod table;
 mod trc;
+mod triads;
 mod turns;
 mod vertices;
 
@@ -62,8 +63,10 @@ pub struct ReadOptions {
     pub subject: Option<String>,
     /// Frames per second where the file does not say; `None` assumes what is usual in its format.
     pub rate: Option<f64>,
-    /// Takes the bones or rigid bodies of a file that holds markers too.
+    /// Takes the bones or rigid bodies of a file that holds markers too, and of a glTF file the nodes alone that move meshes.
     pub bodies: bool,
+    /// Takes the skinned meshes of a glTF file as a captured surface, instead of their joints.
+    pub surface: bool,
     /// Leaves gaps, jumps, copies, empty frames and a rest pose before the motion as they are in the file.
     pub as_found: bool,
     /// Animation by its name, where the file holds several; `None` takes the longest.
@@ -107,7 +110,7 @@ fn parse(format: Format, bytes: Vec<u8>, path: &Path, options: &ReadOptions) -> 
             let file = bvh::read(&bytes, options.rate)?;
             Ok(if options.as_found { file } else { file.without_rest_row() }.capture(path))
         }
-        Format::Gltf => Ok(gltf::read(&bytes, &crate::gltf::beside(path), options.clip.as_deref())?.capture(path)),
+        Format::Gltf => gltf::read(&bytes, &crate::gltf::beside(path), path, options),
         #[cfg(feature = "fbx")]
         Format::Fbx => Ok(fbx::read(&bytes, options.clip.as_deref())?.capture(path)),
         Format::Trc => assemble::table(trc::read(&bytes, options)?, path, options),
@@ -286,7 +289,7 @@ pub struct Joint {
     pub end: bool,
 }
 
-/// Vertices of a captured surface: some of them, spread evenly.
+/// Vertices of a captured surface, which may be of rigid segments: some of them, spread evenly.
 #[derive(Clone, Debug, Default)]
 pub struct VertexTake {
     /// Their trajectories; any number of the first of them is spread over the whole surface.

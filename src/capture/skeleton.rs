@@ -1,5 +1,6 @@
 //! What the readers of skeletons have in common: the file that was read, unique names, the bound on memory, rest poses.
 
+use super::table::FAR;
 use super::{Capture, Cleaning, MarkerTake, Motion, Rest, SkeletonTake, source};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::space::{Space, Unit};
@@ -56,6 +57,8 @@ impl SkeletonFile {
 /// Places and turns of all joints, filled frame by frame.
 pub(super) struct Frames {
     joints: usize,
+    /// Known with the first place.
+    origin: Option<DVec3>,
     points: Vec<[f32; 3]>,
     rotations: Vec<[f32; 4]>,
 }
@@ -67,13 +70,14 @@ impl Frames {
     /// A take that is out of all proportion to the `bytes` of its file: few numbers move very many joints.
     pub(super) fn new(joints: usize, frames: usize, bytes: usize) -> Result<Self> {
         let cells = cells(joints, "joints", frames, bytes)?;
-        Ok(Self { joints, points: Vec::with_capacity(cells), rotations: Vec::with_capacity(cells) })
+        Ok(Self { joints, origin: None, points: Vec::with_capacity(cells), rotations: Vec::with_capacity(cells) })
     }
 
     /// Adds a joint of the frame that is being filled.
     pub(super) fn push(&mut self, place: DVec3, turn: DQuat) {
         if place.is_finite() && turn.is_finite() {
-            self.points.push(place.to_array().map(|x| x as f32));
+            let origin = *self.origin.get_or_insert_with(|| far(place));
+            self.points.push((place - origin).to_array().map(|x| x as f32));
             self.rotations.push([turn.x, turn.y, turn.z, turn.w].map(|x| x as f32));
         } else {
             self.points.push([f32::NAN; 3]);
@@ -88,10 +92,15 @@ impl Frames {
         SkeletonTake {
             joints,
             rest,
-            origins: MarkerTake { labels, points: self.points, ..MarkerTake::default() },
+            origins: MarkerTake { labels, points: self.points, origin: self.origin.unwrap_or_default() },
             rotations: self.rotations,
         }
     }
+}
+
+/// Where a take that begins at `place` counts from: zero along the axes where single precision is good enough.
+fn far(place: DVec3) -> DVec3 {
+    DVec3::from(place.to_array().map(|x| if x.abs() > FAR { x.round() } else { 0.0 }))
 }
 
 /// The product of frames and joints, or of frames and whatever else is computed in every frame.
@@ -139,15 +148,20 @@ pub(super) fn turn(map: &DMat3) -> DQuat {
     }
 }
 
-/// The unit that a file says, if the joints at rest then have a size that a body or a thing can have: many files are in centimetres
-/// although their format says metres.
-pub(super) fn believed(unit: Unit, take: &SkeletonTake, notes: &mut Notes) -> Option<Unit> {
-    const SIZES: std::ops::Range<f64> = 0.02..20.0;
+/// Diagonal of the box around the joints at rest; not positive where none has a place.
+pub(super) fn span(take: &SkeletonTake) -> f64 {
     let box_of = |(low, high): (DVec3, DVec3), joint: &super::Joint| (low.min(joint.rest), high.max(joint.rest));
     let (low, high) = take.joints.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), box_of);
-    let size = low.distance(high) * unit.metres();
+    low.distance(high)
+}
+
+/// The unit that a file says, if what moves spans a size then that a body or a thing can have: many files are in centimetres although
+/// their format says metres.
+pub(super) fn believed(unit: Unit, span: f64, noun: &str, notes: &mut Notes) -> Option<Unit> {
+    const SIZES: std::ops::Range<f64> = 0.02..20.0;
+    let size = span * unit.metres();
     if size > 0.0 && !SIZES.contains(&size) {
-        notes.warn(format!("the file says {unit}, but the joints then span {size:.3} m: the unit is left open"));
+        notes.warn(format!("the file says {unit}, but the {noun} then span {size:.3} m: the unit is left open"));
         return None;
     }
     Some(unit)

@@ -155,7 +155,7 @@ fn damaged_fbx_does_no_harm() {
 #[test]
 fn damaged_real_files_do_no_harm() {
     let real = |name: &str| super::tests::real(name).map(|path| super::source::load(&path).unwrap());
-    let cases: [(&str, fn(&[u8]) -> bool); 5] = [
+    let cases: &[(&str, fn(&[u8]) -> bool)] = &[
         ("broken/bvh_ok_5frames.bvh", body::bvh),
         ("bvh/makehuman_dance1_1frame.bvh", body::bvh),
         ("gltf/SimpleSkin.gltf", body::gltf),
@@ -164,7 +164,7 @@ fn damaged_real_files_do_no_harm() {
         #[cfg(feature = "fbx")]
         ("fbx/blender_279_sausage_7400_binary.fbx", body::fbx),
     ];
-    for (name, read) in cases {
+    for &(name, read) in cases {
         let Some(sample) = real(name) else { continue };
         let step = (sample.len() / 60).max(1);
         attack(&sample, read, 250, step);

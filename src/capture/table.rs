@@ -20,7 +20,7 @@ pub(super) const MOST_MARKERS: usize = 65_535;
 /// No marker is this far from the others in any unit in use (10 km in mm).
 const HUGE: f64 = 1e7;
 /// Farther from zero than this, positions are stored from an origin of their own: single precision then keeps 0.001 units.
-const FAR: f64 = 4096.0;
+pub(super) const FAR: f64 = 4096.0;
 /// Positions that tell where a take is.
 const ENOUGH: usize = 512;
 

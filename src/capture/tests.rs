@@ -96,6 +96,40 @@ fn a_gap_is_filled_and_counted() {
 }
 
 #[test]
+fn points_that_all_have_the_tips_of_two_axes_are_joints_that_turn() {
+    let names = ["PELV", "HEAD", "LHAN", "RHAN"];
+    let labels: Vec<String> = ["", "Y", "Z"].iter().flat_map(|tip| names.iter().map(move |n| format!("Ann:{n}{tip}"))).collect();
+    let turn = |f: usize, j: usize| glam::DQuat::from_scaled_axis(DVec3::new(0.3 * f as f64, -0.5, 0.7 * j as f64));
+    let origin = |f: usize, j: usize| DVec3::new(100.0 * j as f64, 5.0 * f as f64, 900.0);
+    let tip = |f: usize, j: usize, axis: DVec3| origin(f, j) + turn(f, j) * axis * 100.0;
+    let mut points = Vec::new();
+    for f in 0..6 {
+        points.extend((0..4).map(|j| Some(origin(f, j))));
+        points.extend((0..4).map(|j| Some(tip(f, j, DVec3::Y))));
+        // A tip that ran over in one frame.
+        points.extend((0..4).map(|j| Some(tip(f, j, DVec3::Z) - if (f, j) == (2, 1) { DVec3::Y * 3200.0 } else { DVec3::ZERO })));
+    }
+    let points: Vec<_> = points.into_iter().map(|p| p.map(|p| p.to_array().map(|x| x as f32))).collect();
+    let file = C3dFile { labels: labels.clone(), points: points.clone(), ..C3dFile::default() };
+    let capture = from_bytes(file.bytes(), &ReadOptions::default()).unwrap();
+    let Motion::Skeleton(take) = &capture.motion else { panic!("no skeleton") };
+    assert_eq!((capture.name.as_str(), &take.origins.labels[..]), ("Ann", &names.map(str::to_owned)[..]));
+    for (f, j) in (0..6).flat_map(|f| (0..4).map(move |j| (f, j))) {
+        let found = take.origins.point(f, j);
+        assert_eq!(found.is_none(), (f, j) == (2, 1));
+        let Some(found) = found else { continue };
+        assert!(found.distance(origin(f, j)) < 1e-3);
+        let q = glam::DQuat::from_array(take.rotations[f * 4 + j].map(f64::from));
+        assert!((q.dot(turn(f, j)).abs() - 1.0).abs() < 1e-6, "frame {f}, {}: {q}", names[j]);
+    }
+    let said = capture.notes.iter().collect::<Vec<_>>().join("\n");
+    assert!(said.contains("all 4 points") && said.contains("1 place of joints whose axes"), "{said}");
+    // One without tips: markers, and the tips are computed points.
+    let file = C3dFile { labels: [&labels[..11], &["Ann:SACR".to_owned()]].concat(), points, ..C3dFile::default() };
+    assert!(matches!(from_bytes(file.bytes(), &ReadOptions::default()).unwrap().motion, Motion::Markers(_)));
+}
+
+#[test]
 fn the_summary_counts_what_was_dropped_and_filled() {
     let mut file = swaying();
     for f in 0..60 {

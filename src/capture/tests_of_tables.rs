@@ -174,6 +174,16 @@ fn times_are_believed_before_the_rate_of_the_header() {
 }
 
 #[test]
+fn a_rate_of_zero_is_that_of_the_cameras_and_columns_without_any_name_are_numbered() {
+    let header = HEADER.replace("\n50\t50\t", "\n0\t50\t");
+    let rows = "1\t\t1\t2\t3\t4\t5\t6\n2\t\t1\t2\t3\t4\t5\t7\n";
+    assert_eq!(trc(&format!("{header}Frame#\tTime\tC7\t\t\tT10\n{rows}")).unwrap().rate, 50.0);
+    let bare = trc(&format!("{HEADER}Frame#\tTime\n{rows}")).unwrap();
+    assert_eq!(bare.motion.points().labels, ["M001", "M002"]);
+    assert!(notes(&bare).contains(&"the file has no labels: its 2 points are numbered"), "{:?}", notes(&bare));
+}
+
+#[test]
 fn a_take_far_away_loses_nothing() {
     let far = DVec3::new(3e7, -3e7, 6e7);
     let place = |f: i32, m: i32| DVec3::new(f64::from(f) * 0.125, f64::from(m) * 0.25, f64::from(f * m) * 0.0625) + far;
@@ -260,6 +270,26 @@ fn bones_of_a_motive_export_are_segments_with_turns() {
 }
 
 #[test]
+fn a_motive_body_whose_quaternion_is_none_is_missing() {
+    let turned = |first: &str| {
+        let text = format!(
+            "Format Version,1.23,Export Frame Rate,100,Length Units,Meters,Coordinate Space,Global\n\n,Type{}\n,Name{}\n,ID{}\n\
+             ,,{}\nFrame,Time,X,Y,Z,W,X,Y,Z\n0,0,{first},1,2,3\n1,0.01,0,0,0,1,1,2,4\n",
+            ",Rigid Body".repeat(7),
+            ",Stick".repeat(7),
+            ",7".repeat(7),
+            ["Rotation"; 4].iter().chain(&["Position"; 3]).copied().collect::<Vec<_>>().join(",")
+        );
+        read_bytes(text.into_bytes(), Path::new("a.csv"), &ReadOptions { as_found: true, ..ReadOptions::default() }).unwrap()
+    };
+    let place = |first| turned(first).motion.points().point(0, 0);
+    assert_eq!(place("0,0,0.6,0.8"), Some(DVec3::new(1.0, 2.0, 3.0)));
+    // Rounded digits are no reason, but a quarter of a quaternion says nothing.
+    assert_eq!(place("0,0,0.59,0.81"), Some(DVec3::new(1.0, 2.0, 3.0)));
+    assert_eq!((place("0,0,0.15,0.2"), place("0,0,0,0")), (None, None));
+}
+
+#[test]
 fn motive_files_with_a_doubtful_header_are_read_with_a_warning() {
     let Some(control) = found("broken/motive_markers_only.csv") else { return };
     let take = control.motion.points();
@@ -294,6 +324,14 @@ fn wide_and_long_tables_of_markers_are_equal() {
     assert_eq!((wide.space.unit.unwrap().value, wide.space.up.unwrap().value.to_string()), (Unit::Centimetre, "+Z".to_owned()));
     assert!(notes(&wide).is_empty(), "{:?}", notes(&wide));
     assert_eq!(notes(&long), ["1 columns are neither frame, time nor the coordinate of a marker: passed over"]);
+    // A name that comes again is another marker; what is no coordinate is passed over.
+    let twice = csv("frame,C7_x,C7_y,C7_z,C7_x,C7_y,C7_z,quality,T10_x\n1,1,2,3,4,5,6,9,9\n2,1,2,3,4,5,7,9,9\n").unwrap();
+    let take = twice.motion.points();
+    assert_eq!(
+        (take.markers(), take.point(0, 0), take.point(1, 1)),
+        (2, Some(DVec3::new(1.0, 2.0, 3.0)), Some(DVec3::new(4.0, 5.0, 7.0)))
+    );
+    assert!(notes(&twice).iter().any(|n| n.starts_with("2 columns are neither")), "{:?}", notes(&twice));
 }
 
 #[test]

@@ -2,13 +2,13 @@
 
 use super::{Capture, Cleaning, MarkerTake, Motion, VertexTake, number, source};
 use crate::error::{Error, Kind, Notes, Result};
-use crate::scan::{self, Scan};
+use crate::scan::{self, Scan, SurfaceMesh};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// Vertices that are kept, evenly spread: what a binding needs at the most.
-const MOST: usize = 2000;
+pub(super) const MOST: usize = 2000;
 /// Frames per second where nobody says any.
 const RATE: f64 = 30.0;
 /// Numbers between two files up to which the frames between are filled in.
@@ -25,7 +25,7 @@ pub(super) fn read(path: &Path, rate: Option<f64>) -> Result<Capture> {
     let files = siblings(path)?;
     let mut notes = Notes::default();
     let first = scan::read(&files[0].1)?;
-    let vertices = spread(&first);
+    let vertices = spread(&first.mesh, MOST);
     let mut keys: Vec<Vec<DVec3>> = Vec::with_capacity(files.len());
     keys.push(pick(&first, &vertices));
     for batch in files[1..].chunks(BATCH) {
@@ -43,7 +43,7 @@ pub(super) fn read(path: &Path, rate: Option<f64>) -> Result<Capture> {
     if rate.is_none() {
         notes.warn(format!("meshes say no frame rate: {RATE} Hz is assumed (--rate sets it)"));
     }
-    let labels = vertices.iter().map(|v| format!("v{v}")).collect();
+    let labels = vertices.iter().map(|&v| label(v)).collect();
     let count = first.mesh.positions.len();
     let take = VertexTake { points: MarkerTake { labels, points, origin }, vertices, count, faces: first.mesh.faces };
     let name = source::stem(path).trim_end_matches(|c: char| c.is_ascii_digit() || matches!(c, '_' | '-' | '.')).to_owned();
@@ -104,7 +104,7 @@ fn same(first: &Scan, file: &Path) -> Result<Scan> {
     let scan = scan::read(file).map_err(|e| if e.file.is_none() { e.file(file) } else { e })?;
     let (a, b) = (&first.mesh, &scan.mesh);
     if a.positions.len() != b.positions.len() || a.faces != b.faces {
-        let sizes = |m: &scan::SurfaceMesh| format!("{} vertices and {} faces", m.positions.len(), m.faces.len());
+        let sizes = |m: &SurfaceMesh| format!("{} vertices and {} faces", m.positions.len(), m.faces.len());
         let how = if sizes(a) == sizes(b) { "its faces join other vertices".to_owned() } else { format!("it has {}", sizes(b)) };
         return Err(Error::new(Kind::Unsupported, format!("is no frame of the sequence: {how}"))
             .file(file)
@@ -118,9 +118,13 @@ fn pick(scan: &Scan, vertices: &[u32]) -> Vec<DVec3> {
     vertices.iter().map(|&v| scan.mesh.positions[v as usize]).collect()
 }
 
-/// Vertices of faces, each farthest from those before it: any number of the first is spread evenly.
-fn spread(scan: &Scan) -> Vec<u32> {
-    let mesh = &scan.mesh;
+/// Label of a vertex.
+pub(super) fn label(vertex: u32) -> String {
+    format!("v{vertex}")
+}
+
+/// At most so many vertices of faces, each farthest from those before it: any number of the first is spread evenly.
+pub(super) fn spread(mesh: &SurfaceMesh, most: usize) -> Vec<u32> {
     let mut used = vec![false; mesh.positions.len()];
     mesh.faces.corners.iter().for_each(|&v| used[v as usize] = true);
     let candidates: Vec<u32> = (0u32..).zip(&used).filter(|(_, used)| **used).map(|(v, _)| v).collect();
@@ -128,7 +132,7 @@ fn spread(scan: &Scan) -> Vec<u32> {
     let mut gaps = vec![f64::INFINITY; candidates.len()];
     let mut chosen = Vec::new();
     let mut next = 0;
-    while chosen.len() < MOST.min(candidates.len()) {
+    while chosen.len() < most.min(candidates.len()) {
         let here = at(candidates[next]);
         chosen.push(candidates[next]);
         gaps[next] = -1.0;

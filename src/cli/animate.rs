@@ -332,6 +332,7 @@ fn read_captures(args: &Animate, rig: &Rig) -> Result<Captures> {
         clip: args.clip.clone(),
         skeleton: args.skeleton.clone(),
         bodies: args.bodies,
+        surface: args.surface,
         as_found: false,
     };
     let mut tables = Vec::new();

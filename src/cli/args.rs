@@ -63,8 +63,8 @@ pub struct Inspect {
 pub struct Animate {
     /// The mesh to animate: OBJ, PLY, STL, OFF, glTF or GLB (also .gz and .zip)
     pub scan: PathBuf,
-    /// The motion: markers in C3D, TRC or CSV; a skeleton in BVH, AMC, glTF, GLB or FBX (all also .gz); one of a sequence of meshes with running
-    /// numbers; or a table of handles (see --handles) in a .csv file
+    /// The motion: markers in C3D, TRC or CSV; a skeleton in BVH, AMC, glTF, GLB or FBX (all also .gz); meshes that nodes move in glTF or GLB, or one
+    /// of a sequence of meshes with running numbers; or a table of handles (see --handles) in a .csv file
     pub capture: PathBuf,
     /// What to write; the extension is the format: .glb, .pc2, or .ply/.obj with a run of # for the frame number (repeatable)
     #[arg(short, long = "out", value_name = "FILE", required = true)]
@@ -118,9 +118,13 @@ pub struct Animate {
     /// A static trial of the same markers to take the reference frame from
     #[arg(long, value_name = "FILE.c3d", help_heading = "Placement")]
     pub ref_file: Option<PathBuf>,
-    /// Take the bones or rigid bodies of a capture that holds markers too (Motive's CSV, rotations in C3D)
+    /// Take the bones or rigid bodies of a capture that holds markers too (Motive's CSV, rotations in C3D), or the nodes alone that move the meshes of
+    /// a glTF
     #[arg(long, hide_short_help = true, help_heading = "Placement")]
     pub bodies: bool,
+    /// Take the skinned meshes of a glTF as a captured surface, whose vertices become handles, instead of their joints
+    #[arg(long, hide_short_help = true, conflicts_with = "bodies", help_heading = "Placement")]
+    pub surface: bool,
     /// Which subject, where the capture holds several
     #[arg(long, hide_short_help = true, value_name = "NAME", help_heading = "Placement")]
     pub subject: Option<String>,

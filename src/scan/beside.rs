@@ -12,7 +12,6 @@ use std::rc::Rc;
 #[derive(Clone)]
 pub(super) enum Beside {
     /// Nothing.
-    #[cfg_attr(not(any(test, fuzzing)), allow(dead_code))]
     Nothing,
     /// The files of a folder.
     Folder(PathBuf),

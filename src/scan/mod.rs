@@ -31,6 +31,7 @@ use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+pub(crate) use gltf::{Hold, Shapes};
 pub(crate) use remarks::statements;
 pub use triangulate::Triangles;
 

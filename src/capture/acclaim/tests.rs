@@ -66,6 +66,19 @@ fn a_small_pair_means_what_the_mathematics_says() {
 }
 
 #[test]
+fn a_take_far_away_moves_as_one_at_home() {
+    let far = DVec3::new(3e7, -4e7, 5e3);
+    let home = parse(ASF, AMC).unwrap().take;
+    let away = parse(ASF, &AMC.replace("root 1 2 ", "root 30000001 -39999998 500")).unwrap().take;
+    for frame in 0..3 {
+        for joint in 0..home.joints.len() {
+            let [a, b] = [&home, &away].map(|t| t.origins.point(frame, joint).unwrap());
+            assert!((b - a).distance(far) < 1e-5, "frame {frame}, joint {joint}: {a} {b}");
+        }
+    }
+}
+
+#[test]
 fn angles_may_be_radians_unless_they_cannot() {
     let degrees = parse(ASF, AMC).unwrap();
     let numbers = |text: &str, bones: &[&str]| -> String {

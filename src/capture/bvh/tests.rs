@@ -70,6 +70,23 @@ fn a_small_file_means_what_the_mathematics_says() {
 }
 
 #[test]
+fn a_take_far_away_moves_as_one_at_home() {
+    let far = DVec3::new(3e7, -4e7, 5e3);
+    let home = parse(SMALL).take;
+    let moved = SMALL
+        .replace("\n1.0 90.5 2.0 ", "\n30000001.0 -39999909.5 5002.0 ")
+        .replace("\n1.5 91.5 2.5 ", "\n30000001.5 -39999908.5 5002.5 ")
+        .replace("\n2.0 92.5 3.0 ", "\n30000002.0 -39999907.5 5003.0 ");
+    let away = parse(&moved).take;
+    for frame in 0..3 {
+        for joint in 0..home.joints.len() {
+            let [a, b] = [&home, &away].map(|t| t.origins.point(frame, joint).unwrap());
+            assert!((b - a).distance(far) < 1e-5, "frame {frame}, joint {joint}: {a} {b}");
+        }
+    }
+}
+
+#[test]
 fn a_rest_pose_before_the_motion_is_no_frame_of_it() {
     let read = |as_found| {
         let options = ReadOptions { as_found, ..ReadOptions::default() };
@@ -88,6 +105,9 @@ fn a_rest_pose_before_the_motion_is_no_frame_of_it() {
     let without = [&rows[..rows.len() - 3], &rows[rows.len() - 2..]].concat().join("\n");
     let capture = capture::read_bytes(without.into(), Path::new("a.bvh"), &ReadOptions::default()).unwrap();
     assert_eq!((capture.first_frame, skeleton(&capture).rest), (1, Rest::Hierarchy));
+    // Nor is a first row a rest pose where the motion itself is of round angles.
+    let round = SMALL.replace("10.25 20.5 -30.5 4.5 5.5 6.5 7.5 -8.5 9.5", "10 20 -30 4 5 6 7 -8 9");
+    assert_eq!(parse(&round).take.rest, Rest::Hierarchy);
 }
 
 #[test]

@@ -228,7 +228,8 @@ fn space(scene: &Scene, take: &super::SkeletonTake, notes: &mut Notes) -> Space 
         CoordinateAxis::NegativeZ => axis(2, true),
         CoordinateAxis::Unknown => None,
     };
-    let unit = Unit::of_metres(scene.settings.unit_meters).and_then(|unit| skeleton::believed(unit, take, notes));
+    let unit = Unit::of_metres(scene.settings.unit_meters)
+        .and_then(|unit| skeleton::believed(unit, skeleton::span(take), "joints", notes));
     Space { unit: unit.map(|u| Known::new(u, Evidence::File)), up, forward: None }
 }
 

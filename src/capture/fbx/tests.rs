@@ -57,6 +57,27 @@ fn a_small_file_means_what_the_mathematics_says() {
 }
 
 #[test]
+fn a_take_far_away_moves_as_one_at_home() {
+    let home = read(ASCII.as_bytes(), None).unwrap().take;
+    let away = read(ASCII.replace("\"A\",1,2,3", "\"A\",30000001,-39999998,5003").as_bytes(), None).unwrap().take;
+    for frame in 0..home.origins.frames() {
+        for joint in ["base", "tip"] {
+            let far = at(&away, joint, frame) - at(&home, joint, frame);
+            assert!(far.distance(DVec3::new(3e7, -4e7, 5e3)) < 1e-5, "frame {frame}, {joint}: {far}");
+        }
+    }
+}
+
+#[test]
+fn what_hangs_on_a_bound_joint_rests_where_it_hangs() {
+    let pose = "\tPose: 20, \"Pose::Bind\", \"BindPose\" {\n\t\tType: \"BindPose\"\n\t\tVersion: 100\n\t\tNbPoseNodes: 1\n\t\tPoseNode:  {\n\t\t\tNode: 1\n\
+        \t\t\tMatrix: *16 {\n\t\t\t\ta: 1,0,0,0,0,1,0,0,0,0,1,0,7,8,9,1\n\t\t\t} \n\t\t}\n\t}\n}\nConnections:  {";
+    let take = read(ASCII.replace("}\nConnections:  {", pose).as_bytes(), None).unwrap().take;
+    assert_eq!(take.rest, Rest::Bind);
+    assert_eq!((take.joints[0].rest, take.joints[1].rest), (DVec3::new(7.0, 8.0, 9.0), DVec3::new(7.0, 13.0, 9.0)));
+}
+
+#[test]
 fn files_without_motion_or_bones_say_so() {
     let still = read(ASCII.replace("\tC: \"OP\",5,1, \"Lcl Rotation\"\n", "").as_bytes(), None).unwrap();
     assert_eq!(still.take.origins.frames(), 1);

@@ -1,18 +1,21 @@
-//! glTF and GLB: a clip of node animations as the motion of a skeleton.
+//! glTF and GLB: a clip of node animations as the motion of a skeleton, or of the meshes that the nodes show.
 //!
 //! Joints are those of the skins, or, where there is no skin, the nodes that move and those below them. The clip is sampled at the rate of
-//! its own keys. At rest joints are as the skin was bound to them; files without bind matrices rest as their nodes stand.
+//! its own keys. At rest joints are as the skin was bound to them; files without bind matrices rest as their nodes stand. Meshes that nodes
+//! move without a skin are a captured surface: rigid segments, as marker-less systems and robots have them.
 
 mod curves;
+mod surface;
 
 use super::clips::{self, Clip, Times};
 use super::skeleton::{self, Frames, SkeletonFile};
-use super::{Joint, Rest};
+use super::{Capture, Joint, ReadOptions, Rest};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::gltf::{self, Files, Gltf, Hierarchy};
 use crate::space::{Axis, Evidence, Known, Space, Unit};
 use curves::{Accessors, Curves};
 use glam::{DAffine3, DMat4};
+use std::path::Path;
 
 /// Extensions that pack or repeat meshes. Those that pack animations as well are told where data are missing.
 const MESHES_ONLY: [&str; 5] = [
@@ -23,64 +26,158 @@ const MESHES_ONLY: [&str; 5] = [
     "EXT_mesh_gpu_instancing",
 ];
 
-/// Reads a file; `clip` names the animation.
+/// Reads a file: joints, or the meshes that nodes move without a skin. `options` say which, where both are there, and the clip.
 ///
 /// # Errors
-/// Broken files; files without an animation of joints; no clip of this name.
-pub(super) fn read(bytes: &[u8], files: &Files<'_>, clip: Option<&str>) -> Result<SkeletonFile> {
-    let gltf = gltf::parse(bytes, files)?;
-    gltf.require_only(&[&gltf::KNOWN[..], &MESHES_ONLY[..]].concat())?;
-    let tree = gltf.hierarchy()?;
-    let mut notes = Notes::default();
-    if let Some(text) = gltf.cut_short() {
-        notes.warn(text);
-    }
-    let nodes = joint_nodes(&gltf, &tree)?;
-    let mut accessors = Accessors::new(&gltf);
-    let clips = clips(&mut accessors, &gltf, &tree, &nodes);
-    let chosen = clips::choose(&clips, clip, &mut notes)?;
+/// Broken files; files without an animation of joints or meshes; no clip of this name.
+pub(super) fn read(bytes: &[u8], files: &Files<'_>, path: &Path, options: &ReadOptions) -> Result<Capture> {
+    let file = File::open(bytes, files)?;
+    let clip = options.clip.as_deref();
+    let surface = options.surface || !options.bodies && file.is_rigid_surface();
+    if surface { surface::read(file, path, clip) } else { Ok(joints(file, clip)?.capture(path)) }
+}
 
-    // What moves the joints: they, and the nodes above them.
-    let order = with_ancestors(&tree, &nodes);
-    let mut moving = vec![false; gltf.document.nodes.len()];
-    order.iter().for_each(|&n| moving[n as usize] = true);
-    let animation = &gltf.document.animations[chosen];
-    let curves = Curves::read(&mut accessors, animation, &|n| moving[n as usize])?;
-    let times = Times::of_keys(curves.keys()).ok_or_else(|| skeleton::no_frames("the animation has no keys"))?;
+/// Reads the motion of the joints.
+///
+/// # Errors
+/// As [`read`].
+#[cfg(any(test, fuzzing))]
+pub(super) fn read_joints(bytes: &[u8], files: &Files<'_>, clip: Option<&str>) -> Result<SkeletonFile> {
+    joints(File::open(bytes, files)?, clip)
+}
 
-    let (joints, rest) = joints(&mut accessors, &gltf, &tree, &nodes)?;
-    let size = bytes.len().saturating_add(gltf.bytes());
-    let mut frames = Frames::new(nodes.len(), times.count, size)?;
-    let mut worlds = vec![DAffine3::IDENTITY; gltf.document.nodes.len()];
-    // What stands still is placed once; what moves is work in every frame, whether it is a joint or not.
-    stand(&gltf, &tree, &order, &curves, times.at(0), &mut worlds);
-    let mut moves = vec![false; gltf.document.nodes.len()];
-    for &n in &order {
-        moves[n as usize] = curves.moves(n) || tree.parents[n as usize].is_some_and(|p| moves[p as usize]);
+/// Reads the motion of the meshes.
+///
+/// # Errors
+/// As [`read`].
+#[cfg(any(test, fuzzing))]
+pub(super) fn read_surface(bytes: &[u8], files: &Files<'_>) -> Result<Capture> {
+    surface::read(File::open(bytes, files)?, Path::new("a.glb"), None)
+}
+
+/// A file and its tree of nodes.
+struct File {
+    gltf: Gltf,
+    tree: Hierarchy,
+    /// Bytes of the file and its buffers.
+    size: usize,
+    notes: Notes,
+}
+
+impl File {
+    fn open(bytes: &[u8], files: &Files<'_>) -> Result<Self> {
+        let gltf = gltf::parse(bytes, files)?;
+        gltf.require_only(&[&gltf::KNOWN[..], &MESHES_ONLY[..]].concat())?;
+        let tree = gltf.hierarchy()?;
+        let mut notes = Notes::default();
+        if let Some(text) = gltf.cut_short() {
+            notes.warn(text);
+        }
+        let size = bytes.len().saturating_add(gltf.bytes());
+        Ok(Self { gltf, tree, size, notes })
     }
-    let order: Vec<u32> = order.into_iter().filter(|&n| moves[n as usize]).collect();
-    skeleton::cells(order.len(), "nodes", times.count, size)?;
-    for frame in 0..times.count {
-        let time = times.at(frame);
-        stand(&gltf, &tree, &order, &curves, time, &mut worlds);
+
+    /// Whether nodes that an animation moves show meshes, and there is no skin.
+    fn is_rigid_surface(&self) -> bool {
+        let document = &self.gltf.document;
+        let mut moves = vec![false; document.nodes.len()];
+        for channel in document.animations.iter().flat_map(|a| &a.channels).filter(|c| is_place(&c.target.path)) {
+            if let Some(moved) = channel.target.node.and_then(|n| moves.get_mut(n as usize)) {
+                *moved = true;
+            }
+        }
+        document.skins.is_empty()
+            && self.tree.shown.iter().any(|&n| {
+                let parent = self.tree.parents[n as usize];
+                moves[n as usize] |= parent.is_some_and(|p| moves[p as usize]);
+                moves[n as usize] && document.nodes[n as usize].mesh.is_some()
+            })
+    }
+}
+
+/// Whether what an animation changes of a node is its place.
+fn is_place(path: &str) -> bool {
+    matches!(path, "translation" | "rotation" | "scale")
+}
+
+/// A clip as it is played, frame by frame.
+struct Play<'a> {
+    file: &'a File,
+    curves: Curves,
+    times: Times,
+    /// Name of the clip, where the file has several.
+    name: Option<String>,
+    /// What moves of the nodes and those above them, parents before children.
+    moving: Vec<u32>,
+    /// Where all these nodes are in the frame that was played last.
+    worlds: Vec<DAffine3>,
+}
+
+impl<'a> Play<'a> {
+    /// The clip called `clip`, or the longest that moves one of `nodes`, in its first frame.
+    fn start(
+        accessors: &mut Accessors<'_>,
+        file: &'a File,
+        nodes: &[u32],
+        clip: Option<&str>,
+        notes: &mut Notes,
+    ) -> Result<Self> {
+        let (gltf, tree) = (&file.gltf, &file.tree);
+        let clips = clips(accessors, gltf, tree, nodes);
+        let chosen = clips::choose(&clips, clip, notes)?;
+        let order = with_ancestors(tree, nodes);
+        let mut wanted = vec![false; gltf.document.nodes.len()];
+        order.iter().for_each(|&n| wanted[n as usize] = true);
+        let animation = &gltf.document.animations[chosen];
+        let curves = Curves::read(accessors, animation, &|n| wanted[n as usize])?;
+        let times = Times::of_keys(curves.keys()).ok_or_else(|| skeleton::no_frames("the animation has no keys"))?;
+        let name = (clips.len() > 1 && !clips[chosen].name.is_empty()).then(|| clips[chosen].name.clone());
+        let worlds = vec![DAffine3::IDENTITY; gltf.document.nodes.len()];
+        // What stands still is placed once; what moves is work in every frame, whether it is wanted or not.
+        let mut play = Self { file, curves, times, name, moving: order, worlds };
+        play.go(0);
+        let mut moves = vec![false; gltf.document.nodes.len()];
+        for &n in &play.moving {
+            moves[n as usize] = play.curves.moves(n) || tree.parents[n as usize].is_some_and(|p| moves[p as usize]);
+        }
+        play.moving.retain(|&n| moves[n as usize]);
+        skeleton::cells(play.moving.len(), "nodes", times.count, file.size)?;
+        Ok(play)
+    }
+
+    /// Goes to a frame.
+    fn go(&mut self, frame: usize) {
+        self.stand(self.times.at(frame));
+    }
+
+    /// Places the nodes as they are at a time.
+    fn stand(&mut self, time: f64) {
+        for &n in &self.moving {
+            let turn = self.curves.turn(n, time, self.file.gltf.document.nodes[n as usize].turn());
+            let local = DAffine3::from_scale_rotation_translation(turn.scale, turn.rotation, turn.translation);
+            let parent = self.file.tree.parents[n as usize];
+            self.worlds[n as usize] = parent.map_or(local, |p| self.worlds[p as usize] * local);
+        }
+    }
+}
+
+fn joints(mut file: File, clip: Option<&str>) -> Result<SkeletonFile> {
+    let mut notes = std::mem::take(&mut file.notes);
+    let nodes = joint_nodes(&file.gltf, &file.tree)?;
+    let mut accessors = Accessors::new(&file.gltf);
+    let mut play = Play::start(&mut accessors, &file, &nodes, clip, &mut notes)?;
+    let (joints, rest) = at_rest(&mut accessors, &file.gltf, &file.tree, &nodes)?;
+    let mut frames = Frames::new(nodes.len(), play.times.count, file.size)?;
+    for frame in 0..play.times.count {
+        play.go(frame);
         for &n in &nodes {
-            let world = &worlds[n as usize];
+            let world = &play.worlds[n as usize];
             frames.push(world.translation, skeleton::turn(&world.matrix3));
         }
     }
     let take = frames.take(joints, rest);
-    let space = space(&take, &mut notes);
-    let name = (clips.len() > 1 && !clips[chosen].name.is_empty()).then(|| clips[chosen].name.clone());
-    Ok(SkeletonFile { take, rate: times.rate, first_frame: times.first_frame()?, space, name, notes })
-}
-
-/// Places the nodes of `order` in the world as they are at a time.
-fn stand(gltf: &Gltf, tree: &Hierarchy, order: &[u32], curves: &Curves, time: f64, worlds: &mut [DAffine3]) {
-    for &n in order {
-        let turn = curves.turn(n, time, gltf.document.nodes[n as usize].turn());
-        let local = DAffine3::from_scale_rotation_translation(turn.scale, turn.rotation, turn.translation);
-        worlds[n as usize] = tree.parents[n as usize].map_or(local, |p| worlds[p as usize] * local);
-    }
+    let space = space(skeleton::span(&take), "joints", &mut notes);
+    Ok(SkeletonFile { take, rate: play.times.rate, first_frame: play.times.first_frame()?, space, name: play.name, notes })
 }
 
 /// The nodes that are joints, parents before children.
@@ -96,8 +193,7 @@ fn joint_nodes(gltf: &Gltf, tree: &Hierarchy) -> Result<Vec<u32>> {
     let order = depth_first(tree);
     if document.skins.is_empty() {
         for channel in document.animations.iter().flat_map(|a| &a.channels) {
-            let place = matches!(&*channel.target.path, "translation" | "rotation" | "scale");
-            if let Some(n) = channel.target.node.filter(|_| place) {
+            if let Some(n) = channel.target.node.filter(|_| is_place(&channel.target.path)) {
                 Gltf::get(&document.nodes, n, "node")?;
                 joint[n as usize] = true;
             }
@@ -165,9 +261,9 @@ fn clips(accessors: &mut Accessors<'_>, gltf: &Gltf, tree: &Hierarchy, nodes: &[
             if let Ok(times) = accessors.times(sampler.input) {
                 (start, end) = (start.min(times[0]), end.max(times[times.len() - 1]));
             }
-            let place = matches!(&*channel.target.path, "translation" | "rotation" | "scale");
             // A node that does not exist counts as one that is wanted, so that it is told.
-            moves |= place && channel.target.node.is_some_and(|n| wanted.get(n as usize).copied().unwrap_or(true));
+            moves |= is_place(&channel.target.path)
+                && channel.target.node.is_some_and(|n| wanted.get(n as usize).copied().unwrap_or(true));
         }
         let name = animation.name.as_deref().unwrap_or_default().to_owned();
         clips.push(Clip { name, seconds: if end > start { end - start } else { 0.0 }, moves });
@@ -176,7 +272,7 @@ fn clips(accessors: &mut Accessors<'_>, gltf: &Gltf, tree: &Hierarchy, nodes: &[
 }
 
 /// Joints with their places at rest, and what these are taken from.
-fn joints(accessors: &mut Accessors<'_>, gltf: &Gltf, tree: &Hierarchy, nodes: &[u32]) -> Result<(Vec<Joint>, Rest)> {
+fn at_rest(accessors: &mut Accessors<'_>, gltf: &Gltf, tree: &Hierarchy, nodes: &[u32]) -> Result<(Vec<Joint>, Rest)> {
     let mut number = vec![None; tree.parents.len()];
     nodes.iter().enumerate().for_each(|(k, &n)| number[n as usize] = Some(k));
     let bound = bound(accessors, gltf, tree, &number)?;
@@ -250,10 +346,10 @@ fn bound(
     Ok(bound)
 }
 
-/// The format says metres and y up.
-fn space(take: &super::SkeletonTake, notes: &mut Notes) -> Space {
+/// The format says metres and y up; `span`: diagonal of the box around what moves.
+fn space(span: f64, noun: &str, notes: &mut Notes) -> Space {
     let up = Some(Known::new(Axis { index: 1, negative: false }, Evidence::File));
-    let unit = skeleton::believed(Unit::Metre, take, notes);
+    let unit = skeleton::believed(Unit::Metre, span, noun, notes);
     Space { unit: unit.map(|u| Known::new(u, Evidence::File)), up, forward: None }
 }
 

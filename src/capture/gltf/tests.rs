@@ -7,7 +7,7 @@ use crate::capture::{self, Capture, Motion, ReadOptions, SkeletonTake, tests::re
 use glam::DVec3;
 
 fn parse(bytes: &[u8], clip: Option<&str>) -> Result<SkeletonFile> {
-    read(bytes, &|name| Err(Error::new(Kind::Unreadable, format!("no {name}"))), clip)
+    read_joints(bytes, &|name| Err(Error::new(Kind::Unreadable, format!("no {name}"))), clip)
 }
 
 fn said(notes: &Notes) -> String {
@@ -70,6 +70,19 @@ fn joints_are_found_without_skin_and_rest_without_bind_matrices() {
     assert_eq!(parse(&moved, None).unwrap().take.joints[1].rest, DVec3::Y);
     let raised = changed(|d| d["nodes"][0]["translation"] = serde_json::json!([0.0, 0.0, 7.0]));
     assert_eq!(parse(&raised, None).unwrap().take.joints[1].rest, DVec3::new(0.0, 1.0, 7.0));
+    // The mesh may lie anywhere when it is bound, here a unit lower in z.
+    let mut lower = small();
+    let matrices = lower.len() - 128;
+    [14, 30].iter().for_each(|k| lower[matrices + 4 * k..][..4].copy_from_slice(&(-1f32).to_le_bytes()));
+    let joints = parse(&lower, None).unwrap().take.joints;
+    assert_eq!((joints[0].rest, joints[1].rest), (DVec3::ZERO, DVec3::Y));
+    // What an earlier skin has placed stays, whatever a later one says.
+    let twice = changed(|d| {
+        let accessor = d["accessors"][5].clone();
+        d["accessors"].as_array_mut().unwrap().push(accessor);
+        d["skins"].as_array_mut().unwrap().push(serde_json::json!({ "joints": [2, 1], "inverseBindMatrices": 6 }));
+    });
+    assert_eq!(parse(&twice, None).unwrap().take.joints[1].rest, DVec3::Y);
     let large = parse(&changed(|d| d["nodes"][0]["scale"] = serde_json::json!([50.0, 50.0, 50.0])), None).unwrap();
     assert!(large.space.unit.is_none() && said(&large.notes).contains("the unit is left open"), "{}", said(&large.notes));
 }
@@ -168,20 +181,18 @@ fn real_files_have_the_places_that_another_reader_found() {
     // The joints of this file have no names that say anything: the third and the last of the skin.
     let Some(path) = real("gltf/BrainStem.glb") else { return };
     let capture = capture::read(&path, &ReadOptions::default()).unwrap();
-    let gltf = gltf::parse(&std::fs::read(&path).unwrap(), &|_| unreachable!()).unwrap();
+    let file = File::open(&std::fs::read(&path).unwrap(), &|_| unreachable!()).unwrap();
     assert!((capture.rate - 37.5).abs() < 1e-3, "{}", capture.rate);
-    let (tree, joints) = (gltf.hierarchy().unwrap(), &gltf.document.skins[0].joints);
-    let order = with_ancestors(&tree, joints);
-    let curves = Curves::read(&mut Accessors::new(&gltf), &gltf.document.animations[0], &|_| true).unwrap();
-    let mut worlds = vec![DAffine3::IDENTITY; gltf.document.nodes.len()];
+    let joints = &file.gltf.document.skins[0].joints;
+    let mut play = Play::start(&mut Accessors::new(&file.gltf), &file, joints, None, &mut Notes::default()).unwrap();
     // Half a second lies between two keys: 18.75.
     for (time, joint, place) in
         [(0.0, 2, [-0.0165, 1.5412, 0.0542]), (0.5, 2, [0.0308, 1.5437, 0.0571]), (0.5, 17, [0.0232, 0.0693, 0.0518])]
     {
-        stand(&gltf, &tree, &order, &curves, time, &mut worlds);
-        let found = worlds[joints[joint] as usize].translation;
+        play.stand(time);
+        let found = play.worlds[joints[joint] as usize].translation;
         assert!(found.distance(place.into()) < 1.5e-4, "{joint} at {time}: {found}");
-        let name = gltf.document.nodes[joints[joint] as usize].name.as_deref().unwrap();
+        let name = file.gltf.document.nodes[joints[joint] as usize].name.as_deref().unwrap();
         assert!(time > 0.0 || at(skeleton(&capture), name, 0).distance(found) < 1e-6);
     }
 }
@@ -197,7 +208,7 @@ fn real_files_have_their_counts() {
     ];
     for (file, joints, rate, frames, rest) in cases {
         let Some(path) = real(&format!("gltf/{file}")) else { continue };
-        let capture = capture::read(&path, &ReadOptions::default()).unwrap();
+        let capture = capture::read(&path, &ReadOptions { bodies: true, ..ReadOptions::default() }).unwrap();
         let take = skeleton(&capture);
         assert_eq!((take.joints.len(), take.rest), (joints, rest), "{file}");
         assert!((capture.rate - rate).abs() < 1e-3, "{file}: {}", capture.rate);
@@ -208,6 +219,221 @@ fn real_files_have_their_counts() {
     assert!(said(&capture.notes).contains("11 clips"), "{}", said(&capture.notes));
     let across = skeleton(&capture).joints.iter().fold((f64::MAX, f64::MIN), |(a, b), j| (a.min(j.rest.x), b.max(j.rest.x)));
     assert!((across.0 + 0.883).abs() < 1e-3 && (across.1 - 0.883).abs() < 1e-3, "{across:?}");
+}
+
+/// A hand under an arm that turns by a right angle about z, and a floor: three nodes that show one triangle.
+fn segments() -> (serde_json::Value, Vec<u8>) {
+    let (s, c) = (0.5f32.sqrt(), 0.5f32.sqrt());
+    let (s8, c8) = (std::f32::consts::FRAC_PI_8.sin(), std::f32::consts::FRAC_PI_8.cos());
+    let numbers = [
+        &[0.0, 0.5, 1.0][..],
+        &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, s8, c8, 0.0, 0.0, s, c],
+        &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+    ];
+    let mut binary: Vec<u8> = Vec::new();
+    let mut views = Vec::new();
+    for numbers in numbers {
+        views.push(serde_json::json!({ "buffer": 0, "byteOffset": binary.len(), "byteLength": 4 * numbers.len() }));
+        numbers.iter().for_each(|x: &f32| binary.extend(x.to_le_bytes()));
+    }
+    let document = serde_json::json!({
+        "asset": { "version": "2.0" },
+        "scene": 0,
+        "scenes": [{ "nodes": [0, 2] }],
+        "nodes": [
+            { "name": "arm", "translation": [1.0, 0.0, 0.0], "mesh": 0, "children": [1] },
+            { "name": "hand", "translation": [2.0, 0.0, 0.0], "mesh": 0 },
+            { "name": "floor", "mesh": 0 },
+        ],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 2 } }] }],
+        "animations": [{
+            "channels": [{ "sampler": 0, "target": { "node": 0, "path": "rotation" } }],
+            "samplers": [{ "input": 0, "output": 1 }],
+        }],
+        "accessors": [
+            { "bufferView": 0, "componentType": 5126, "count": 3, "type": "SCALAR" },
+            { "bufferView": 1, "componentType": 5126, "count": 3, "type": "VEC4" },
+            { "bufferView": 2, "componentType": 5126, "count": 3, "type": "VEC3" },
+        ],
+        "bufferViews": views,
+        "buffers": [{ "byteLength": binary.len() }],
+    });
+    (document, binary)
+}
+
+fn surface(capture: &Capture) -> &crate::capture::VertexTake {
+    match &capture.motion {
+        Motion::Vertices(take) => take,
+        other => panic!("not a surface but {}", other.noun()),
+    }
+}
+
+fn vertex(capture: &Capture, number: u32, frame: usize) -> DVec3 {
+    let take = surface(capture);
+    let k = take.vertices.iter().position(|&v| v == number).unwrap_or_else(|| panic!("vertex {number} was not kept"));
+    assert_eq!(take.points.labels[k], format!("v{number}"));
+    take.points.point(frame, k).unwrap()
+}
+
+fn captured(document: &serde_json::Value, binary: &[u8], options: &ReadOptions) -> Result<Capture> {
+    capture::read_bytes(crate::gltf::tests::glb(document, binary), Path::new("robot.glb"), options)
+}
+
+#[test]
+fn meshes_that_nodes_move_are_a_surface_unless_joints_are_wanted() {
+    let (document, binary) = segments();
+    let capture = captured(&document, &binary, &ReadOptions::default()).unwrap();
+    let take = surface(&capture);
+    assert_eq!((take.count, take.faces.len(), take.points.markers(), take.points.frames()), (9, 3, 9, 3));
+    assert_eq!((capture.name.as_str(), capture.rate, capture.first_frame), ("robot", 2.0, 0));
+    assert_eq!(said(&capture.notes), "1 mesh of the surface not moved: 'floor'");
+    // Along the arm, across it, at the wrist, beyond it, on the floor.
+    let d = 0.5f64.sqrt();
+    for (number, places) in [
+        (1, [[2.0, 0.0, 0.0], [1.0 + d, d, 0.0], [1.0, 1.0, 0.0]]),
+        (2, [[1.0, 1.0, 0.0], [1.0 - d, d, 0.0], [0.0, 0.0, 0.0]]),
+        (3, [[3.0, 0.0, 0.0], [1.0 + 2.0 * d, 2.0 * d, 0.0], [1.0, 2.0, 0.0]]),
+        (5, [[3.0, 1.0, 0.0], [1.0 + d, 3.0 * d, 0.0], [0.0, 2.0, 0.0]]),
+        (7, [[1.0, 0.0, 0.0]; 3]),
+    ] {
+        for (frame, place) in places.into_iter().enumerate() {
+            let found = vertex(&capture, number, frame);
+            assert!(found.distance(place.into()) < 1e-6, "{number} in {frame}: {found}");
+        }
+    }
+    let joints = captured(&document, &binary, &ReadOptions { bodies: true, ..ReadOptions::default() }).unwrap();
+    assert_eq!(skeleton(&joints).origins.labels, ["arm", "hand"]);
+    // A node that moves without a mesh is a joint.
+    let mut bare = document.clone();
+    bare["nodes"][0]["mesh"].take();
+    bare["nodes"][1]["mesh"].take();
+    assert_eq!(skeleton(&captured(&bare, &binary, &ReadOptions::default()).unwrap()).joints.len(), 2);
+    let wanted = ReadOptions { surface: true, ..ReadOptions::default() };
+    let error = captured(&bare, &binary, &wanted).unwrap_err().to_string();
+    assert!(error.contains("no animation of the file moves"), "{error}");
+    // Packed meshes cannot be had, but their nodes.
+    let mut packed = document;
+    packed["accessors"][2]["bufferView"].take();
+    packed["meshes"][0]["primitives"][0]["extensions"] = serde_json::json!({ "KHR_draco_mesh_compression": {} });
+    packed["extensionsRequired"] = serde_json::json!(["KHR_draco_mesh_compression"]);
+    let error = captured(&packed, &binary, &ReadOptions::default()).unwrap_err();
+    assert!(error.hint.unwrap().ends_with("--bodies takes the nodes alone, as joints"));
+}
+
+#[test]
+fn a_skinned_mesh_is_a_surface_where_it_is_wanted() {
+    let (mut document, mut binary) = segments();
+    // Joints 0 and 1 for all vertices, by weights that do not sum to one; bound half a unit along x before where they stand.
+    let first = binary.len();
+    (0..3).for_each(|_| binary.extend([0u8, 1, 0, 0]));
+    [[1.5f32, 0.5, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0], [0.0, 0.25, 0.0, 0.0]]
+        .iter()
+        .flatten()
+        .for_each(|x| binary.extend(x.to_le_bytes()));
+    for x in [-0.5f32, -2.5] {
+        let matrix = glam::Mat4::from_translation(glam::Vec3::new(x, 0.0, 0.0)).to_cols_array();
+        matrix.iter().for_each(|x| binary.extend(x.to_le_bytes()));
+    }
+    for (at, length) in [(0, 12), (12, 48), (60, 128)] {
+        document["bufferViews"]
+            .as_array_mut()
+            .unwrap()
+            .push(serde_json::json!({ "buffer": 0, "byteOffset": first + at, "byteLength": length }));
+    }
+    for (view, component, count, shape) in [(3, 5121, 3, "VEC4"), (4, 5126, 3, "VEC4"), (5, 5126, 2, "MAT4")] {
+        document["accessors"]
+            .as_array_mut()
+            .unwrap()
+            .push(serde_json::json!({ "bufferView": view, "componentType": component, "count": count, "type": shape }));
+    }
+    document["buffers"][0]["byteLength"] = binary.len().into();
+    document["meshes"] =
+        serde_json::json!([{ "primitives": [{ "attributes": { "POSITION": 2, "JOINTS_0": 3, "WEIGHTS_0": 4 } }] }]);
+    document["skins"] = serde_json::json!([{ "joints": [0, 1], "inverseBindMatrices": 5 }]);
+    document["nodes"][0]["mesh"].take();
+    document["nodes"][1]["mesh"].take();
+    document["nodes"][2]["skin"] = 0.into();
+    let mut carried = document.clone();
+    carried["nodes"][0]["children"] = serde_json::json!([1, 2]);
+    carried["scenes"][0]["nodes"] = serde_json::json!([0]);
+    for document in [&document, &carried] {
+        assert_eq!(skeleton(&captured(document, &binary, &ReadOptions::default()).unwrap()).joints.len(), 2);
+    }
+    let wanted = ReadOptions { surface: true, ..ReadOptions::default() };
+    let capture = captured(&document, &binary, &wanted).unwrap();
+    assert!(!said(&capture.notes).contains("not moved"), "{}", said(&capture.notes));
+    // Where a joint takes a vertex: from its place against the joint when it was bound. Joints move rigidly together.
+    for (number, local, moved) in [(0, DVec3::ZERO, true), (1, DVec3::X, false), (2, DVec3::Y, true)] {
+        for (frame, angle) in [0.0f64, 45.0, 90.0].into_iter().enumerate() {
+            let turn = glam::DQuat::from_rotation_z(angle.to_radians());
+            let place = if moved { DVec3::X + turn * (local - DVec3::X * 0.5) } else { local };
+            let found = vertex(&capture, number, frame);
+            assert!(found.distance(place) < 1e-6, "{number} in {frame}: {found} {place}");
+        }
+    }
+}
+
+#[test]
+fn a_long_clip_of_meshes_keeps_fewer_vertices_and_an_endless_one_is_refused() {
+    let (mut document, mut binary) = segments();
+    // Three thousand triangles in one mesh, and two keys an hour apart with one soon after the first.
+    let first = binary.len();
+    (0..9000u32).for_each(|v| [v as f32, (v * v % 97) as f32, 0.0].iter().for_each(|x| binary.extend(x.to_le_bytes())));
+    document["bufferViews"]
+        .as_array_mut()
+        .unwrap()
+        .push(serde_json::json!({ "buffer": 0, "byteOffset": first, "byteLength": 108_000 }));
+    document["accessors"]
+        .as_array_mut()
+        .unwrap()
+        .push(serde_json::json!({ "bufferView": 3, "componentType": 5126, "count": 9000, "type": "VEC3" }));
+    document["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = 3.into();
+    document["buffers"][0]["byteLength"] = binary.len().into();
+    let kept = |seconds: f32, binary: &mut Vec<u8>| {
+        binary[4..8].copy_from_slice(&0.0333f32.to_le_bytes());
+        binary[8..12].copy_from_slice(&seconds.to_le_bytes());
+        captured(&document, binary, &ReadOptions::default())
+    };
+    assert_eq!(surface(&kept(1.0, &mut binary).unwrap()).points.markers(), 2000);
+    let long = kept(150.0, &mut binary).unwrap();
+    let frames = surface(&long).points.frames();
+    assert_eq!(surface(&long).points.markers(), (4 << 20) / frames);
+    assert_eq!(kept(4000.0, &mut binary).unwrap_err().kind, Kind::Refused);
+}
+
+#[test]
+fn the_segments_of_real_files_are_where_another_reader_has_them() {
+    // Vertices of the body and of both wheels, of the first and the last part.
+    let truck = [
+        (0, [[1.54247, 1.6458, -1.2074]; 3]),
+        (3563, [[-1.427742, 0.006621, -0.8], [-1.314479, 0.853844, -0.8], [-1.35233, -0.000078, -0.8]]),
+        (2977, [[1.357258, 0.006621, -0.8], [1.470521, 0.853844, -0.8], [1.43267, -0.000078, -0.8]]),
+    ];
+    let robot = [
+        (0, [[0.074422, 1.085032, 0.053367], [0.011282, 1.104759, 0.065294], [0.040214, 1.10634, 0.054088]]),
+        (2977, [[-0.14354, 0.486161, 0.211599], [-0.258262, 0.483737, 0.05777], [-0.221281, 0.463961, 0.101271]]),
+        (34158, [[-0.187267, 1.666794, 0.013296], [-0.360504, 1.469046, -0.059158], [-0.263255, 1.468069, 0.12502]]),
+    ];
+    for (file, frames, vertices) in [("CesiumMilkTruck.glb", [0, 15, 30], truck), ("BrainStem.glb", [0, 654, 1308], robot)] {
+        let Some(path) = real(&format!("gltf/{file}")) else { continue };
+        let file = File::open(&std::fs::read(&path).unwrap(), &|_| unreachable!()).unwrap();
+        let nodes = surface::holding(&file).unwrap();
+        let mut play = Play::start(&mut Accessors::new(&file.gltf), &file, &nodes, None, &mut Notes::default()).unwrap();
+        let shapes = crate::scan::Shapes::of(&file.gltf, &file.tree.shown, &play.worlds, file.size).unwrap();
+        for (number, places) in vertices {
+            let holds = &shapes.holds(&file.gltf, &[number]).unwrap()[0];
+            for (frame, place) in frames.into_iter().zip(places) {
+                play.go(frame);
+                let found = surface::place(holds, &play.worlds);
+                assert!(found.distance(place.into()) < 1e-5, "{path:?} {number} in {frame}: {found}");
+            }
+        }
+    }
+    let Some(path) = real("gltf/BrainStem.glb") else { return };
+    let capture = capture::read(&path, &ReadOptions { surface: true, ..ReadOptions::default() }).unwrap();
+    let take = surface(&capture);
+    assert_eq!((take.count, take.points.markers(), take.points.frames()), (34159, 2000, 1309));
+    assert!(matches!(capture::read(&path, &ReadOptions::default()).unwrap().motion, Motion::Skeleton(_)));
 }
 
 #[test]

@@ -5,12 +5,13 @@ mod place;
 
 use super::beside::Beside;
 use super::weld::{bits, first_equal};
-use super::{Faces, Group, NONE, Scan};
-use crate::error::{Error, Result};
+use super::{Faces, Group, NONE, Scan, SurfaceMesh};
+use crate::error::{Error, Notes, Result};
 use crate::gltf::{self, Attributes, Gltf, Node, Primitive, needs_extension};
 use crate::space::{Axis, Evidence, Known, Unit};
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 use looks::Looks;
+pub(crate) use place::Hold;
 use place::{Place, Skins};
 use std::path::Path;
 
@@ -35,23 +36,59 @@ fn parse(bytes: &[u8], beside: &Beside) -> Result<Scan> {
     let packed = ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"];
     gltf.require_only(&[&gltf::KNOWN[..], &packed[..]].concat())?;
     let hierarchy = gltf.hierarchy()?;
-    let most = ALWAYS_ALLOWED.max(LARGEST_RATIO.saturating_mul(bytes.len()));
-    let mut scene = Scene {
-        gltf: &gltf,
-        scan: Scan::default(),
-        looks: Looks::new(&gltf, beside, 2 * bytes.len() + gltf.bytes()),
-        skins: Skins::default(),
-        normals: Vec::new(),
-        most,
-        counts: Counts::default(),
-    };
-    for &n in &hierarchy.shown {
-        let node = &gltf.document.nodes[n as usize];
-        if node.mesh.is_some() {
-            scene.node(n, node, &hierarchy.worlds)?;
-        }
-    }
+    let mut scene = Scene::new(&gltf, beside, bytes.len(), 2 * bytes.len() + gltf.bytes());
+    scene.nodes(&hierarchy.shown, &hierarchy.worlds)?;
     scene.finish()
+}
+
+/// The meshes of a scene as [`read`] numbers their vertices, without looks.
+pub(crate) struct Shapes {
+    /// Where the vertices are, and their faces.
+    pub(crate) mesh: SurfaceMesh,
+    /// Where they come from, in the order of the vertices.
+    parts: Vec<Part>,
+    /// What was left out.
+    pub(crate) notes: Notes,
+}
+
+/// Vertices of a primitive as a node shows them.
+struct Part {
+    first: u32,
+    count: u32,
+    node: u32,
+    skin: Option<u32>,
+    attributes: Attributes,
+}
+
+impl Shapes {
+    /// The meshes that the nodes `shown` show where the nodes are at `worlds`; the file is of `size` bytes.
+    ///
+    /// # Errors
+    /// As [`read`].
+    pub(crate) fn of(gltf: &Gltf, shown: &[u32], worlds: &[DAffine3], size: usize) -> Result<Self> {
+        let mut scene = Scene::new(gltf, &Beside::Nothing, size, 0);
+        scene.nodes(shown, worlds)?;
+        scene.looks.notes.clear();
+        let parts = std::mem::take(&mut scene.parts);
+        let Scan { mesh, notes, .. } = scene.finish()?;
+        Ok(Self { mesh, parts, notes })
+    }
+
+    /// The nodes that hold some vertices, which rise: for each vertex one or, in a skin, several.
+    ///
+    /// # Errors
+    /// Accessors that cannot be read.
+    pub(crate) fn holds(&self, gltf: &Gltf, vertices: &[u32]) -> Result<Vec<Vec<Hold>>> {
+        let mut holds = Vec::with_capacity(vertices.len());
+        for part in &self.parts {
+            let of_part = |v: u32| vertices.partition_point(|&w| w < v);
+            let wanted = &vertices[of_part(part.first)..of_part(part.first + part.count)];
+            if !wanted.is_empty() {
+                holds.extend(place::holds(gltf, part, wanted.iter().map(|v| v - part.first))?);
+            }
+        }
+        Ok(holds)
+    }
 }
 
 /// The scene as far as it is read.
@@ -62,6 +99,8 @@ struct Scene<'a> {
     skins: Skins,
     /// Normal of every vertex as the file has it, not a number where it has none; with the node that shows the vertex.
     normals: Vec<([f32; 3], u32)>,
+    /// Where the vertices come from.
+    parts: Vec<Part>,
     /// Most vertices and corners.
     most: usize,
     counts: Counts,
@@ -86,8 +125,32 @@ struct Shared {
     count: u32,
 }
 
-impl Scene<'_> {
-    fn node(&mut self, n: u32, node: &Node, worlds: &[glam::DAffine3]) -> Result<()> {
+impl<'a> Scene<'a> {
+    /// Nothing read yet of a file of `size` bytes; at most `images` bytes of images are taken out of it.
+    fn new(gltf: &'a Gltf, beside: &'a Beside, size: usize, images: usize) -> Self {
+        Self {
+            gltf,
+            scan: Scan::default(),
+            looks: Looks::new(gltf, beside, images),
+            skins: Skins::default(),
+            normals: Vec::new(),
+            parts: Vec::new(),
+            most: ALWAYS_ALLOWED.max(LARGEST_RATIO.saturating_mul(size)),
+            counts: Counts::default(),
+        }
+    }
+
+    fn nodes(&mut self, shown: &[u32], worlds: &[DAffine3]) -> Result<()> {
+        for &n in shown {
+            let node = &self.gltf.document.nodes[n as usize];
+            if node.mesh.is_some() {
+                self.node(n, node, worlds)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn node(&mut self, n: u32, node: &Node, worlds: &[DAffine3]) -> Result<()> {
         let gltf = self.gltf;
         let at = |e: Error| if e.place.is_none() { e.at(format!("node {n}")) } else { e };
         let mesh = Gltf::get(&gltf.document.meshes, node.mesh.unwrap_or(NONE), "mesh").map_err(at)?;
@@ -105,7 +168,7 @@ impl Scene<'_> {
         });
         let mut shared: Vec<Shared> = Vec::new();
         for primitive in &mesh.primitives {
-            self.primitive(primitive, &place, (n, group), &mut shared).map_err(at)?;
+            self.primitive(primitive, &place, (n, node.skin, group), &mut shared).map_err(at)?;
         }
         Ok(())
     }
@@ -114,7 +177,7 @@ impl Scene<'_> {
         &mut self,
         primitive: &Primitive,
         place: &Place,
-        (node, group): (u32, u32),
+        (node, skin, group): (u32, Option<u32>, u32),
         shared: &mut Vec<Shared>,
     ) -> Result<()> {
         let mode = primitive.mode.unwrap_or(4);
@@ -147,6 +210,7 @@ impl Scene<'_> {
             None => {
                 let (first, count) = self.vertices(position, (node, &primitive.attributes), &looks, place)?;
                 shared.push(Shared { attributes: primitive.attributes, looks, first, count });
+                self.parts.push(Part { first, count, node, skin, attributes: primitive.attributes });
                 shared.len() - 1
             }
         };
