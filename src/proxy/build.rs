@@ -117,7 +117,7 @@ pub struct Summary {
     pub buried: f64,
     /// Vertices of the skin that touch, or lie inside, skin that is far away along the surface: an arm against the trunk.
     pub touching: usize,
-    /// Deepest such overlap, as a share of the body's diagonal.
+    /// Longest way out of such an overlap, as a share of the body's diagonal.
     pub overlap: f64,
     /// Tetrahedra that still join such parts.
     pub joined: usize,

@@ -21,7 +21,7 @@ const CLEAN_MEAN_DISTANCE: f64 = 0.0006;
 const VOLUME: f64 = 0.985;
 
 /// `None`, with a word, where there are no shared files.
-pub(super) fn shared(folder: &str) -> Option<PathBuf> {
+pub(crate) fn shared(folder: &str) -> Option<PathBuf> {
     let shared = std::env::var_os("RETARGET_SHARED")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
     let folder = shared.join("data/meshes").join(folder);

@@ -9,11 +9,13 @@ mod carve;
 mod components;
 mod contacts;
 #[cfg(test)]
-mod corpus;
+pub(crate) mod corpus;
 mod decimate;
 mod delaunay;
 mod disjoint;
 mod edges;
+#[cfg(test)]
+pub(crate) mod figure;
 mod ground;
 mod lattice;
 pub mod medit;
@@ -25,8 +27,6 @@ mod shell;
 #[cfg(test)]
 mod tests;
 mod tetrahedra;
-#[cfg(test)]
-mod touching;
 mod weld;
 
 pub use build::{BuildOptions, Built, Form, Summary, build};

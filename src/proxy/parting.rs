@@ -2,7 +2,7 @@
 //!
 //! The tetrahedra are made in that pose and carried back to the scan's. There they overlap as the scan does, but each belongs to its own limb.
 
-use super::contacts::{Contact, Skin};
+use super::contacts::{Contact, Skin, WayOut};
 use crate::spatial::TriangleTree;
 use glam::DVec3;
 
@@ -29,17 +29,27 @@ pub(super) struct Parted {
     pub(super) shift: Vec<DVec3>,
     /// Vertices in contact in the scan's pose.
     pub(super) contacts: usize,
-    /// Deepest overlap in the scan's pose.
+    /// Longest way out of an overlap in the scan's pose.
     pub(super) depth: f64,
 }
 
 /// Parts what touches; `None` where nothing does. `close` makes the closed surface of a pose.
+///
+/// Each vertex leaves by the nearest way. Limbs that go through each other so far that this leads some vertices out on one side and some on the other
+/// are stuck then: they start again and leave together.
 pub(super) fn part(skin: &Skin<'_>, rest: &[DVec3], close: impl Fn(&[DVec3]) -> TriangleTree) -> Option<Parted> {
+    let nearest = part_by(skin, rest, &close, WayOut::Nearest)?;
+    let posed: Vec<DVec3> = rest.iter().zip(&nearest.shift).map(|(p, u)| *p + *u).collect();
+    let stuck = skin.contacts(&posed, &close(&posed), WayOut::Together).iter().any(|c| c.gap < 0.0);
+    if stuck { part_by(skin, rest, &close, WayOut::Together) } else { Some(nearest) }
+}
+
+fn part_by(skin: &Skin<'_>, rest: &[DVec3], close: impl Fn(&[DVec3]) -> TriangleTree, way_out: WayOut) -> Option<Parted> {
     let mut parted = Parted { shift: vec![DVec3::ZERO; rest.len()], contacts: 0, depth: 0.0 };
     let mut held: Vec<Option<(Contact, f64)>> = vec![None; rest.len()];
     for round in 0..ROUNDS {
         let posed: Vec<DVec3> = rest.iter().zip(&parted.shift).map(|(p, u)| *p + *u).collect();
-        let found = skin.contacts(&posed, &close(&posed));
+        let found = skin.contacts(&posed, &close(&posed), way_out);
         if round == 0 {
             if found.len() < FEWEST {
                 return None;

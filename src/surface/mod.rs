@@ -118,3 +118,5 @@ pub fn single_precision(points: &[DVec3], out: &mut Vec<[f32; 3]>) {
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod touching;
