@@ -5,8 +5,8 @@ use super::fit::{self, Fit, Observation, SIZE};
 use super::labels::{self, Names, Part};
 use super::landmarks::{Body, NotHuman};
 use super::reference::{self, Chosen, Landed};
-use super::retarget::{self, Seen};
-use super::rig::{Frozen, Retargeted};
+use super::retarget::{self, Retargeting, Seen};
+use super::rig::Frozen;
 use super::segments::{self, Segment, Side, Skeleton};
 use super::similarity::{Held, Similarity, upright};
 use super::track::Track;
@@ -322,14 +322,21 @@ impl Human<'_> {
         d.scan_up = Some(Known::new(self.body.up, if options.scan_up.is_some() { Evidence::User } else { Evidence::Shape }));
         d.scan_forward = Some(Known::new(self.body.forward, if options.flip { Evidence::User } else { Evidence::Shape }));
         d.scan_height = Some(self.body.stature * diagonal);
-        let retargeted = (align == Align::Retarget).then(|| Retargeted {
-            fit: &fit.fit,
-            clavicles: kept.clavicles,
-            seen: &kept.seen,
-            placement: kept.placement,
-        });
-        binding.frozen = Some(Frozen::of(&binding, self.take, Some(self.body), kept.start, retargeted.as_ref(), options.mirror));
+        let retargeted = (align == Align::Retarget).then(|| self.retargeting(&fit.fit, &kept));
+        let retargeted = retargeted.as_ref().map(|r| (r, kept.seen.as_slice()));
+        binding.frozen = Some(Frozen::of(&binding, self.take, Some(self.body), kept.start, retargeted, options.mirror));
         Ok(binding)
+    }
+
+    fn retargeting<'a>(&'a self, fit: &'a Fit, kept: &Kept) -> Retargeting<'a> {
+        Retargeting {
+            body: self.skeleton,
+            fit,
+            clavicles: kept.clavicles,
+            placement: kept.placement,
+            start: kept.start,
+            feet: self.options.feet(self.take.capture),
+        }
     }
 
     /// A frame in which the actor stands as he was scanned, placed by the skin: among the nearest in pose, the first and the last.
@@ -550,11 +557,12 @@ impl Human<'_> {
         let size = fitted.fit.size;
         let at_size = Similarity { scale: similarity.scale * size, translation: similarity.translation * size, ..similarity };
         let kept = Kept { clavicles, seen, placement: if apart { at_size } else { start }, start: placement.frame };
-        let trajectories = (align == Align::Retarget).then(|| {
-            let (fit, at) = (&fitted.fit, &kept.placement);
-            let rate = self.options.feet(take.capture);
-            retarget::trajectories(self.skeleton, fit, &clavicles, &take.track, at, &handles, &kept.seen, kept.start, rate)
-        });
+        let joints = match align {
+            Align::Retarget => retarget::joints(self.skeleton, &handles),
+            _ => Vec::new(),
+        };
+        let trajectories = (align == Align::Retarget)
+            .then(|| self.retargeting(&fitted.fit, &kept).trajectories(&take.track, &handles, &kept.seen, &joints));
         let (trajectories, planter) = trajectories.unzip();
         let feet = planter.flatten().and_then(|planter| planter.slip(self.scan.unit_box.diagonal));
         let strain = match &trajectories {
@@ -569,7 +577,9 @@ impl Human<'_> {
             }
         };
         let off_surface = raw::off_surface(self.scan, &handles);
+        let bound = handles.len();
         if trajectories.is_some() {
+            handles.extend(joints);
             handles.iter_mut().enumerate().for_each(|(i, handle)| handle.marker = i);
         }
         let decisions = Decisions {
@@ -592,7 +602,7 @@ impl Human<'_> {
             set: take.names.set,
             named: take.names.count(),
             markers: take.track.take.markers(),
-            bound: handles.len(),
+            bound,
             off_surface,
             residual: Some(fitted.residual(self.skeleton)).map(|(a, b)| (100.0 * a, 100.0 * b)),
             proportions: SIZE.iter().map(|&(r, name)| (name, fitted.fit.ratios[r as usize])).collect(),

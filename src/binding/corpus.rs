@@ -129,6 +129,7 @@ fn a_climb_is_refused_or_warned_about() {
 #[test]
 fn takes_without_labels_are_told_rightly_or_refused() {
     let mut told = 0;
+    let mut lowest = (1.0f64, 1.0f64);
     for scan_name in ["bodies/makehuman_male_body_apose_quads.obj.gz", "bodies/nbs_maynard_tpose.obj.gz"] {
         for take in [
             "pycgm_rom_static.c3d",
@@ -159,11 +160,27 @@ fn takes_without_labels_are_told_rightly_or_refused() {
             let start = std::time::Instant::now();
             match bind(&shape, body, &capture, None, &Options::default()) {
                 Ok(bound) => {
-                    let known: Vec<bool> =
-                        bound.handles.iter().filter_map(|h| Some(truth(h.label[2..].parse().unwrap())? == h.segment?)).collect();
-                    let right = known.iter().filter(|r| **r).count() as f64 / known.len() as f64;
-                    eprintln!("{scan_name} x {take}: {:.0} % of {} right, {:?}", 100.0 * right, known.len(), start.elapsed());
-                    assert!(right >= 0.85, "{scan_name} {take}: {right}");
+                    let known: Vec<(Segment, Segment, &str)> = bound
+                        .handles
+                        .iter()
+                        .filter_map(|h| {
+                            let k: usize = h.label[2..].parse().unwrap();
+                            Some((truth(k)?, h.segment?, labels[k].as_str()))
+                        })
+                        .collect();
+                    let kin = |a: Segment, b: Segment| a == b || a.parent() == Some(b) || b.parent() == Some(a);
+                    let share = |count: usize| count as f64 / known.len() as f64;
+                    let right = share(known.iter().filter(|k| k.0 == k.1).count());
+                    let near = share(known.iter().filter(|k| kin(k.0, k.1)).count());
+                    let wrong: Vec<_> = known.iter().filter(|k| k.0 != k.1).collect();
+                    eprintln!(
+                        "{scan_name} x {take}: {:.0} % of {} right, {:.0} % near, {:?}: {wrong:?}",
+                        100.0 * right,
+                        known.len(),
+                        100.0 * near,
+                        start.elapsed()
+                    );
+                    lowest = (lowest.0.min(right), lowest.1.min(near));
                     told += 1;
                 }
                 Err(error) => {
@@ -175,5 +192,6 @@ fn takes_without_labels_are_told_rightly_or_refused() {
     }
     if data("motion/c3d").is_some() {
         assert!(told >= 3, "{told} takes told");
+        assert!(lowest.0 >= 0.8 && lowest.1 >= 0.95, "{lowest:?}");
     }
 }

@@ -44,81 +44,131 @@ pub(super) fn clavicles(body: &Skeleton, fit: &Fit, elevations: [f64; 2]) -> [DV
     })
 }
 
-/// The trajectories of the handles on the scan's own body, in the unit box.
-///
-/// `placement` takes the capture into the space of the fit's observations; `start` is the frame of the take that is nearest to the fitted
-/// pose; feet that rest are held where `feet` gives the frames per second,
-/// and what held them comes back. Shapes: `seen`: one entry per handle.
-pub(super) fn trajectories(
-    body: &Skeleton,
-    fit: &Fit,
-    clavicles: &[DVec3; 2],
-    track: &Track<'_>,
-    placement: &Similarity,
-    handles: &[BoundMarker],
-    seen: &[Seen],
-    start: usize,
-    feet: Option<f64>,
-) -> (MarkerTake, Option<Planter>) {
-    let (actor, scan) = (Chain::of_fit(body, fit), Chain::of_scan(body));
-    let (turns, origins) = (fit.rotations, fit.origins);
-    let held: Vec<Held> = handles
-        .iter()
-        .zip(seen)
-        .map(|(handle, seen)| {
-            let segment = handle.segment.unwrap_or(Segment::Pelvis);
-            let local = turns[segment as usize].inverse() * (seen.at - origins[segment as usize]);
-            Held { segment, shoulder: seen.shoulder, local, weight: seen.weight }
-        })
-        .collect();
-    let pelvis = body.bone(Segment::Pelvis).origin;
-    let legs = scan.leg() / actor.leg();
-    let first = Pose { root: origins[Segment::Pelvis as usize], turns, shoulders: [DVec3::ZERO; 2] };
-    let poses = chased(&actor, &held, track, placement, handles, &first, start);
-    let root = poses.get(start).map_or(first.root, |pose| pose.root);
-    let on_scan = |pose: &Pose| Pose {
-        root: pelvis + (pose.root - root) * legs,
-        turns: pose.turns,
-        shoulders: [0, 1].map(|s| clavicles[s] + pose.shoulders[s] / fit.size),
-    };
-    let floor = plant::floor(body);
-    let soles = [plant::sole(body, 0), plant::sole(body, 1)];
-    let mut lowest: Vec<f64> = poses
-        .iter()
-        .map(|pose| {
-            let pose = on_scan(pose);
-            let origins = scan.origins(&pose);
-            let heights = FEET
-                .iter()
-                .zip(&soles)
-                .flat_map(|(&foot, sole)| sole.map(|p| (origins[foot as usize] + pose.turns[foot as usize] * p).dot(body.up)));
-            heights.fold(f64::INFINITY, f64::min)
-        })
-        .collect();
-    let lift = body.up * (floor - actor::quantile(&mut lowest, ON_FLOOR).unwrap_or(floor));
-    let mut planter = feet.map(|rate| Planter::new(body, floor, rate));
-    let mut points = Vec::with_capacity(poses.len() * handles.len());
-    for (frame, pose) in poses.iter().enumerate() {
-        let origins = actor.origins(pose);
-        let mut on_scan = on_scan(pose);
-        on_scan.root += lift;
-        let mut scan_origins = scan.origins(&on_scan);
-        if let Some(planter) = &mut planter {
-            (0..2).for_each(|side| hold(planter, side, &mut on_scan, &mut scan_origins));
-        }
-        for (held, handle) in held.iter().zip(handles) {
-            let s = held.segment as usize;
-            let place = track.point(frame, handle.marker).map(|p| {
-                let own = pose.turns[s].inverse() * (placement.apply(p) - origins[s]) - held.place(&pose.shoulders);
-                let rest = handle.attachment - body.bone(held.segment).origin;
-                let shift = held.shoulder.map_or(DVec3::ZERO, |s| on_scan.shoulders[s]);
-                scan_origins[s] + on_scan.turns[s] * (rest + shift + own / fit.size)
-            });
-            points.push(place.unwrap_or(DVec3::NAN).to_array().map(|x| x as f32));
-        }
+/// How an actor's markers move the body of a scan.
+#[derive(Clone, Debug)]
+pub(super) struct Retargeting<'a> {
+    pub body: &'a Skeleton,
+    /// The actor in the reference frame.
+    pub fit: &'a Fit,
+    /// See [`clavicles`].
+    pub clavicles: [DVec3; 2],
+    /// From the capture, mirrored axes undone, into the space of the fit's observations.
+    pub placement: Similarity,
+    /// Frame of the take that is nearest to the fitted pose.
+    pub start: usize,
+    /// Frames per second, where feet that rest are to be held.
+    pub feet: Option<f64>,
+}
+
+/// Markers of a full set.
+const FULL: usize = 26;
+/// Markers that tell how a segment lies.
+const TELLING: usize = 3;
+/// Hardness of the handles at joints.
+const SOFT: f64 = 0.1;
+
+/// Handles inside the body at the ends of segments that few markers tell: of a set that is not full. They move as the segments do, and softly:
+/// with 17 of 41 markers the skin is twice as near to that of the full set.
+pub(super) fn joints(body: &Skeleton, handles: &[BoundMarker]) -> Vec<BoundMarker> {
+    if handles.len() >= FULL {
+        return Vec::new();
     }
-    let take = MarkerTake { labels: handles.iter().map(|h| h.label.clone()).collect(), points, ..MarkerTake::default() };
-    (take, planter)
+    let own = |segment: Segment| handles.iter().filter(|h| h.segment == Some(segment)).count();
+    let few = Segment::ALL.into_iter().filter(|&s| own(s) < TELLING);
+    few.flat_map(|segment| {
+        let bone = body.bone(segment);
+        let handle = |(word, share): (&str, f64)| BoundMarker {
+            label: BoundMarker::held_by(segment.name(), word),
+            marker: 0,
+            attachment: bone.origin.lerp(bone.end, share),
+            segment: Some(segment),
+            beta: SOFT,
+        };
+        [("near", 0.0), ("far", 0.9)].map(handle)
+    })
+    .collect()
+}
+
+impl Retargeting<'_> {
+    /// The trajectories of the handles, and behind them of the `joints`, in the unit box, and what held the feet.
+    ///
+    /// Shapes: `seen`: one entry per handle.
+    pub(super) fn trajectories(
+        &self,
+        track: &Track<'_>,
+        handles: &[BoundMarker],
+        seen: &[Seen],
+        joints: &[BoundMarker],
+    ) -> (MarkerTake, Option<Planter>) {
+        let Self { body, fit, clavicles, placement, start, .. } = self;
+        let (actor, scan) = (Chain::of_fit(body, fit), Chain::of_scan(body));
+        let (turns, origins) = (fit.rotations, fit.origins);
+        let held: Vec<Held> = handles
+            .iter()
+            .zip(seen)
+            .map(|(handle, seen)| {
+                let segment = handle.segment.unwrap_or(Segment::Pelvis);
+                let local = turns[segment as usize].inverse() * (seen.at - origins[segment as usize]);
+                Held { segment, shoulder: seen.shoulder, local, weight: seen.weight }
+            })
+            .collect();
+        let pelvis = body.bone(Segment::Pelvis).origin;
+        let legs = scan.leg() / actor.leg();
+        let first = Pose { root: origins[Segment::Pelvis as usize], turns, shoulders: [DVec3::ZERO; 2] };
+        let poses = chased(&actor, &held, track, placement, handles, &first, *start);
+        let root = poses.get(*start).map_or(first.root, |pose| pose.root);
+        let on_scan = |pose: &Pose| Pose {
+            root: pelvis + (pose.root - root) * legs,
+            turns: pose.turns,
+            shoulders: [0, 1].map(|s| clavicles[s] + pose.shoulders[s] / fit.size),
+        };
+        let floor = plant::floor(body);
+        let soles = [plant::sole(body, 0), plant::sole(body, 1)];
+        let mut lowest: Vec<f64> = poses
+            .iter()
+            .map(|pose| {
+                let pose = on_scan(pose);
+                let origins = scan.origins(&pose);
+                let heights = FEET.iter().zip(&soles).flat_map(|(&foot, sole)| {
+                    sole.map(|p| (origins[foot as usize] + pose.turns[foot as usize] * p).dot(body.up))
+                });
+                heights.fold(f64::INFINITY, f64::min)
+            })
+            .collect();
+        let lift = body.up * (floor - actor::quantile(&mut lowest, ON_FLOOR).unwrap_or(floor));
+        let mut planter = self.feet.map(|rate| Planter::new(body, floor, rate));
+        let mut points = Vec::with_capacity(poses.len() * (handles.len() + joints.len()));
+        for (frame, pose) in poses.iter().enumerate() {
+            let origins = actor.origins(pose);
+            let mut on_scan = on_scan(pose);
+            on_scan.root += lift;
+            let mut scan_origins = scan.origins(&on_scan);
+            if let Some(planter) = &mut planter {
+                (0..2).for_each(|side| hold(planter, side, &mut on_scan, &mut scan_origins));
+            }
+            for (held, handle) in held.iter().zip(handles) {
+                let s = held.segment as usize;
+                let place = track.point(frame, handle.marker).map(|p| {
+                    let own = pose.turns[s].inverse() * (placement.apply(p) - origins[s]) - held.place(&pose.shoulders);
+                    let rest = handle.attachment - body.bone(held.segment).origin;
+                    let shift = held.shoulder.map_or(DVec3::ZERO, |s| on_scan.shoulders[s]);
+                    scan_origins[s] + on_scan.turns[s] * (rest + shift + own / fit.size)
+                });
+                points.push(place.unwrap_or(DVec3::NAN).to_array().map(|x| x as f32));
+            }
+            points.extend(joints.iter().map(|joint| {
+                let s = joint.segment.unwrap_or(Segment::Pelvis);
+                let place = scan_origins[s as usize] + on_scan.turns[s as usize] * (joint.attachment - body.bone(s).origin);
+                place.to_array().map(|x| x as f32)
+            }));
+        }
+        let take = MarkerTake {
+            labels: handles.iter().chain(joints).map(|h| h.label.clone()).collect(),
+            points,
+            ..MarkerTake::default()
+        };
+        (take, planter)
+    }
 }
 
 const FEET: [Segment; 2] = [Segment::LeftFoot, Segment::RightFoot];

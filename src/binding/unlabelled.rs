@@ -315,10 +315,10 @@ mod tests {
     #[test]
     fn the_cheapest_of_all_assignments_is_found() {
         let body = Skeleton::of(&person(0.7).body);
-        // The first marker is nearest to the second's only place.
         let landmarks = [DVec3::ZERO, DVec3::X * 0.1, DVec3::X * 0.4];
         let points = [Some(DVec3::X * 0.01), None, Some(DVec3::X * -0.06), Some(DVec3::X * 0.11)];
-        assert_eq!(assign(&points, &landmarks[..2], &body), [None, None, Some(0), Some(1)]);
+        assert_eq!(assign(&points, &landmarks[..2], &body), [Some(0), None, None, Some(1)]);
+        // The first marker is nearer to the place that the third needs more.
         assert_eq!(assign(&points[..3], &landmarks, &body), [Some(1), None, Some(0)]);
     }
 
@@ -330,8 +330,9 @@ mod tests {
         let skeleton = Skeleton::of(&person.body);
         let frames: Vec<Vec<DVec3>> = (0..12).map(|k| fit::simulate(&skeleton, &seen, &stride(k), &[])).collect();
         let nameless: Vec<String> = (1..=named.len()).map(|i| format!("M{i:03}")).collect();
+        let options = Options { capture_up: Some("+Z".parse().unwrap()), ..Options::default() };
         for yaw in [0.3, 2.9] {
-            let binding = bound(&person, &take(&person, &nameless, &frames, yaw, 1.0), &Options::default()).unwrap();
+            let binding = bound(&person, &take(&person, &nameless, &frames, yaw, 1.0), &options).unwrap();
             assert!(binding.handles.len() >= 30, "{:?}", binding.unbound);
             for handle in &binding.handles {
                 let k = nameless.iter().position(|l| *l == handle.label).unwrap();
@@ -347,7 +348,7 @@ mod tests {
                     .collect()
             })
             .collect();
-        let error = bound(&person, &take(&person, &nameless, &ball, 0.3, 0.0), &Options::default()).unwrap_err();
+        let error = bound(&person, &take(&person, &nameless, &ball, 0.3, 0.0), &options).unwrap_err();
         assert_eq!(error.exit_code(), 3);
         assert!(error.to_string().contains("[markers]"), "{error}");
     }

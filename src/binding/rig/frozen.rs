@@ -5,7 +5,7 @@ use super::Written;
 use crate::binding::bind::{Take, segment_places};
 use crate::binding::fit::{Fit, RATIOS, SIZE};
 use crate::binding::landmarks::{Body, Joint};
-use crate::binding::retarget::{self, Seen};
+use crate::binding::retarget::{self, Retargeting, Seen};
 use crate::binding::segments::{Segment, Skeleton};
 use crate::binding::similarity::{Held, Similarity};
 use crate::binding::track::Track;
@@ -172,15 +172,6 @@ fn is_one(x: &f64) -> bool {
     *x == 1.0
 }
 
-/// How the markers of a take were retargeted.
-pub(in crate::binding) struct Retargeted<'a> {
-    pub fit: &'a Fit,
-    pub clavicles: [DVec3; 2],
-    pub seen: &'a [Seen],
-    /// From the capture into the space of the fit.
-    pub placement: Similarity,
-}
-
 impl Frozen {
     /// Keeps a binding of a marker take. `start`: frame of the capture, counted from 0, from which the poses go out.
     pub(in crate::binding) fn of(
@@ -188,12 +179,12 @@ impl Frozen {
         take: &Take<'_>,
         body: Option<&Body>,
         start: usize,
-        retargeted: Option<&Retargeted<'_>>,
+        retargeted: Option<(&Retargeting<'_>, &[Seen])>,
         mirror: bool,
     ) -> Self {
-        let placement = retargeted.map_or(binding.placement, |r| r.placement);
-        let markers = binding.handles.iter().enumerate().map(|(i, handle)| {
-            let seen = retargeted.map(|r| r.seen[i]);
+        let placement = retargeted.map_or(binding.placement, |(r, _)| r.placement);
+        let markers = binding.handles.iter().enumerate().take(binding.decisions.bound).map(|(i, handle)| {
+            let seen = retargeted.map(|(_, seen)| seen[i]);
             FrozenMarker {
                 label: handle.label.clone(),
                 attachment: handle.attachment.to_array(),
@@ -206,7 +197,7 @@ impl Frozen {
         });
         Self {
             placement: Placement::of(&placement, mirror),
-            actor: retargeted.map(|r| FrozenActor {
+            actor: retargeted.map(|(r, _)| FrozenActor {
                 size: r.fit.size,
                 ratios: r.fit.ratios.to_vec(),
                 clavicles: r.clavicles.map(|c| c.to_array()),
@@ -453,14 +444,21 @@ impl Frozen {
         let fit = self.actor.as_ref().map(FrozenActor::fit);
         let mut proportions = Vec::new();
         let mut feet = None;
+        let mut joints = Vec::new();
         let mut trajectories = None;
         if let (Some(fit), Some(actor), Some(skeleton)) = (&fit, &self.actor, &skeleton) {
             let clavicles = actor.clavicles.map(DVec3::from);
             let start = self.start_in(scan, take, skeleton)?;
-            let unmirrored = Similarity { mirror: false, ..placement };
-            let rate = options.feet(take.capture);
-            let (own, planter) =
-                retarget::trajectories(skeleton, fit, &clavicles, &track, &unmirrored, &handles, &seen, start, rate);
+            let retargeting = Retargeting {
+                body: skeleton,
+                fit,
+                clavicles,
+                placement: Similarity { mirror: false, ..placement },
+                start,
+                feet: options.feet(take.capture),
+            };
+            joints = retarget::joints(skeleton, &handles);
+            let (own, planter) = retargeting.trajectories(&track, &handles, &seen, &joints);
             feet = planter.and_then(|planter| planter.slip(scan.unit_box.diagonal));
             trajectories = Some(own);
             proportions = SIZE.iter().map(|&(r, name)| (name, fit.ratios[r as usize])).collect();
@@ -472,14 +470,16 @@ impl Frozen {
                 checks::strain(&take.names, &handles, target, &frames, stature)
             }
         };
+        let bound = handles.len();
         if trajectories.is_some() {
+            handles.extend(joints);
             handles.iter_mut().enumerate().for_each(|(i, handle)| handle.marker = i);
         }
         let decisions = Decisions {
             set: take.names.set,
             named: take.names.count(),
             markers: labels.len(),
-            bound: handles.len(),
+            bound,
             off_surface,
             proportions,
             strain: strain.map(|(median, p95)| (100.0 * median, 100.0 * p95)),

@@ -21,7 +21,7 @@ mod spot;
 mod tests;
 
 pub use frozen::Frozen;
-pub(super) use frozen::{FrozenJoints, Retargeted};
+pub(super) use frozen::FrozenJoints;
 pub use spot::{Pin, Spot};
 
 use super::Role;
