@@ -3,22 +3,25 @@
 use super::actor::quantile;
 use super::bind::Take;
 use super::labels::{Names, Part, Place};
-use super::landmarks::{Body, NotHuman};
+use super::landmarks::{Arms, Body, NotHuman};
 use super::segments::Segment;
 use super::{BoundMarker, Options, refuse};
-use crate::error::{Error, Notes, Result};
+use crate::error::{Error, Kind, Notes, Result};
 use glam::DVec3;
 
 /// Named markers below which no body can be recognised.
 const FEWEST_NAMED: usize = 10;
 
+/// How far feet have to stick out to the front, against the back, to tell where a scan faces (people: 4 to 21).
+const WEAK_FACING: f64 = 2.0;
+
 /// The refusal of a scan that is no person.
 pub(super) fn no_body(reason: &NotHuman) -> Error {
     let expected = match reason.margin_and_cost {
         Some((margin, cost)) => format!(
-            "an upright person with arms and legs apart: margin 0.15 or more (it is {margin:.2}), cost up to 0.45 (it is {cost:.2})"
+            "an upright person, best with arms and legs apart: margin 0.15 or more (it is {margin:.2}), cost up to 0.45 (it is {cost:.2})"
         ),
-        None => "an upright person with arms and legs apart".to_owned(),
+        None => "an upright person, best with arms and legs apart".to_owned(),
     };
     Error::refused(format!("no human body is recognised in the scan: {}", reason.reason))
         .expected(expected)
@@ -38,7 +41,20 @@ pub(super) fn body(body: &Body, options: &Options, notes: &mut Notes) -> Result<
     } else if body.margin < 0.25 {
         notes.warn(format!("head, hands and feet of the scan are told apart by a small margin ({:.2})", body.margin));
     }
-    if body.facing_ratio < 2.0 && !options.flip {
+    let hanging = body.arms == Arms::Hanging;
+    if hanging {
+        notes
+            .warn("the arms touch the body: their joints are seen from the sides only (to about 4 % of height, finger tips 6 %)");
+    }
+    if hanging && body.facing_ratio < WEAK_FACING && !options.flip {
+        let error = Error::new(
+            Kind::Ambiguous,
+            format!("arms along the trunk and feet that stick out by {:.1} to the front against the back do not tell where the scan faces", body.facing_ratio),
+        )
+        .expected(format!("{WEAK_FACING} or more"))
+        .hint("--flip turns it");
+        refuse(error, options, notes)?;
+    } else if body.facing_ratio < WEAK_FACING && !options.flip {
         notes.warn(format!(
             "facing of the scan from its feet is weak ({:.1}): check the result, --flip turns it",
             body.facing_ratio

@@ -9,6 +9,7 @@ use super::decisions::{
 use super::outputs;
 use super::picture::{self, Bound};
 use super::rig::Rig;
+use crate::binding::landmarks::Floor;
 use crate::binding::regions::Subject;
 use crate::binding::select::Hold;
 use crate::binding::{self, Binding, Regions, Rules, ScanShape, driven, landmarks};
@@ -94,7 +95,16 @@ impl Setup {
             || body(args, &scan, unit_box, &points, &triangles, cancel),
             || bind(args, &scan, unit_box, &points, &triangles, &mut captures, &rig),
         );
-        let mut binding = bound?;
+        let (mut binding, floor) = bound?;
+        let (scan, triangles, built) = match floor {
+            Some(floor) => {
+                let without = without_floor(&scan, unit_box, &floor, &mut binding.notes);
+                let triangles = without.mesh.vertex_triangles();
+                let built = body(args, &without, unit_box, &points, &triangles, cancel);
+                (without, triangles, built)
+            }
+            None => (scan, triangles, built),
+        };
         let (mut capture, reference) = (captures.capture, captures.reference);
         console.station("scan", &scan_line(args, &scan, &binding));
         console.station("capture", &capture_line(args, &capture, &binding));
@@ -464,9 +474,7 @@ fn bind(
     triangles: &[[u32; 3]],
     captures: &mut Captures,
     rig: &Rig,
-) -> Result<Binding> {
-    let tree = TriangleTree::new(points, triangles);
-    let shape = ScanShape { tree: &tree, unit_box, space: &scan.space, mesh: Some(&scan.mesh) };
+) -> Result<(Binding, Option<Floor>)> {
     let mut notes = Notes::default();
     let options = rig.options(args, scan, unit_box, &mut notes)?;
     let places = rig.landmarks(scan, unit_box)?;
@@ -474,6 +482,15 @@ fn bind(
         Some(body) => Ok(body),
         None => landmarks::told(landmarks::find(points, triangles), &places, points),
     };
+    let floor = body.as_ref().ok().and_then(|body| body.floor);
+    let centre = |t: &[u32; 3]| t.iter().map(|&v| points[v as usize]).sum::<DVec3>() / 3.0;
+    let tree = match floor {
+        Some(floor) => {
+            TriangleTree::new(points, &triangles.iter().filter(|t| !floor.holds(centre(t))).copied().collect::<Vec<_>>())
+        }
+        None => TriangleTree::new(points, triangles),
+    };
+    let shape = ScanShape { tree: &tree, unit_box, space: &scan.space, mesh: Some(&scan.mesh) };
     let mut binding = match captures.tables.first().filter(|_| is_table(&args.capture)) {
         Some(table) => driven::unbound(&shape, body.as_ref().ok(), table, &options),
         None => binding::bind(&shape, body, &captures.capture, captures.reference.as_ref(), &options)
@@ -484,7 +501,18 @@ fn bind(
     for table in &captures.tables {
         driven::add_handles(&shape, &mut captures.capture, &mut binding, table, &holds)?;
     }
-    Ok(binding)
+    Ok((binding, floor))
+}
+
+/// The scan without the floor that has grown together with the feet: it would move and tear with them.
+fn without_floor(scan: &Scan, unit_box: UnitBox, floor: &Floor, notes: &mut Notes) -> Scan {
+    let without =
+        scan.with_faces(|corners| !floor.holds(unit_box.enter(corners.iter().sum::<DVec3>() / corners.len().max(1) as f64)));
+    notes.warn(format!(
+        "the feet have grown together with a flat floor: its {} are left out, and what is written has no floor",
+        words::plural(scan.mesh.faces.len() - without.mesh.faces.len(), "face")
+    ));
+    without
 }
 
 /// An interruption says how far the run came.

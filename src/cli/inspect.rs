@@ -5,7 +5,7 @@ mod takes;
 use super::args::Inspect;
 use super::console::Console;
 use crate::binding;
-use crate::binding::landmarks::{self, Body, NotHuman};
+use crate::binding::landmarks::{self, Arms, Body, NotHuman};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::proxy::medit;
 use crate::scan::{self, UnitBox};
@@ -144,6 +144,8 @@ fn mesh(path: &Path) -> Result<Found> {
             "forward": round(b.forward),
             "margin": b.margin,
             "arm_elevation": b.arm_elevation,
+            "arms": if b.arms == Arms::Hanging { "along the trunk" } else { "apart" },
+            "floor": b.floor.is_some(),
             "joints": b.joints.iter().map(|&p| round(unit_box.leave(p))).collect::<Vec<_>>(),
         })),
     });
@@ -171,12 +173,14 @@ fn triple(v: DVec3) -> String {
 fn body_words(body: &std::result::Result<Body, NotHuman>, unit_box: UnitBox) -> String {
     match body {
         Ok(b) => format!(
-            "a person, {} high, up {}, facing {}, arms {:.0}° and {:.0}° against the horizontal, margin {:.2}",
+            "a person, {} high, up {}, facing {}, arms {:.0}° and {:.0}° against the horizontal{}{}, margin {:.2}",
             words::digits(b.stature * unit_box.diagonal),
             triple(b.up),
             triple(b.forward),
             b.arm_elevation[0],
             b.arm_elevation[1],
+            if b.arms == Arms::Hanging { " along the trunk" } else { "" },
+            if b.floor.is_some() { ", on a floor that has grown together with the feet" } else { "" },
             b.margin
         ),
         Err(reason) => format!("no person was recognised: {}", reason.reason),

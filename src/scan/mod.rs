@@ -104,6 +104,35 @@ pub struct Scan {
     pub notes: Notes,
 }
 
+impl Scan {
+    /// The scan with the faces that pass, by the positions of their corners, and all its vertices.
+    pub fn with_faces(&self, passes: impl Fn(&[DVec3]) -> bool) -> Self {
+        let Self { mesh, look, .. } = self;
+        let mut corners = Vec::new();
+        let kept: Vec<usize> = (0..mesh.faces.len())
+            .filter(|&f| {
+                corners.clear();
+                corners.extend(mesh.faces.face(f).iter().map(|&v| mesh.positions[v as usize]));
+                passes(&corners)
+            })
+            .collect();
+        let mut faces = Faces::default();
+        kept.iter().for_each(|&f| faces.push(mesh.faces.face(f).iter().copied()));
+        // Arrays are empty where the file has nothing of the kind.
+        let of_corners =
+            |all: &[u32]| kept.iter().flat_map(|&f| all.get(mesh.faces.range(f)).unwrap_or_default()).copied().collect();
+        let of_faces = |all: &[u32]| kept.iter().filter_map(|&f| all.get(f)).copied().collect();
+        let look = Appearance {
+            corner_uvs: of_corners(&look.corner_uvs),
+            corner_normals: of_corners(&look.corner_normals),
+            face_materials: of_faces(&look.face_materials),
+            face_groups: of_faces(&look.face_groups),
+            ..look.clone()
+        };
+        Self { mesh: SurfaceMesh { positions: mesh.positions.clone(), faces }, look, ..self.clone() }
+    }
+}
+
 /// Vertices and polygons, in the file's order; vertices that no face uses are kept.
 #[derive(Clone, Debug, Default)]
 pub struct SurfaceMesh {
@@ -275,5 +304,33 @@ impl UnitBox {
     /// From the unit box back into the scan's space.
     pub fn leave(&self, p: DVec3) -> DVec3 {
         p * self.diagonal + self.centre
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_belongs_to_faces_goes_with_them() {
+        let mut faces = Faces::default();
+        faces.push([0, 1, 2]);
+        faces.push([0, 2, 3, 4]);
+        faces.push([2, 3, 4]);
+        let positions = (0..5).map(|v| DVec3::new(f64::from(v), 0.0, 0.0)).collect();
+        let look = Appearance {
+            corner_uvs: (10..20).collect(),
+            face_materials: vec![7, 8, 9],
+            colors: vec![[0.5; 4]; 5],
+            ..Appearance::default()
+        };
+        let scan = Scan { mesh: SurfaceMesh { positions, faces }, look, ..Scan::default() };
+        let kept = scan.with_faces(|corners| corners.len() == 4 || corners[0].x > 1.0);
+        let corners: Vec<&[u32]> = kept.mesh.faces.iter().collect();
+        assert_eq!(corners, [&[0, 2, 3, 4][..], &[2, 3, 4]]);
+        assert_eq!(kept.look.corner_uvs, [13, 14, 15, 16, 17, 18, 19]);
+        assert_eq!(kept.look.face_materials, [8, 9]);
+        assert!(kept.look.corner_normals.is_empty() && kept.look.face_groups.is_empty());
+        assert_eq!((kept.mesh.positions.len(), kept.look.colors.len()), (5, 5));
     }
 }

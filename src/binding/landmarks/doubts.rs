@@ -1,6 +1,6 @@
 //! Joints that no standing person has.
 
-use super::{Body, Joint};
+use super::{Arms, Body, Joint};
 use glam::DVec3;
 
 /// Trunk against legs in degrees; people in T and A poses measure 0 to 11, a horse 89.
@@ -36,7 +36,8 @@ pub(super) fn about(body: &Body) -> Option<String> {
     if knee_bend > MOST_KNEE_BEND {
         return Some(format!("a knee is bent by {knee_bend:.0} degrees (at most {MOST_KNEE_BEND})"));
     }
-    if let Some(low) = body.arm_elevation.into_iter().find(|a| *a < LOWEST_ARM) {
+    let apart = body.arms == Arms::Apart;
+    if let Some(low) = body.arm_elevation.into_iter().find(|a| apart && *a < LOWEST_ARM) {
         return Some(format!("an arm hangs along the trunk ({:.0} degrees below level, at most {:.0})", -low, -LOWEST_ARM));
     }
     let chain = |[a, b, c]: [DVec3; 3]| a.distance(b) + b.distance(c);

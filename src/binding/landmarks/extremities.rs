@@ -1,8 +1,10 @@
 //! Which ends of a solid are head, hands and feet.
 
 use super::geodesic::distances;
+use super::medial::Curve;
 use super::voxels::Solid;
 use glam::DVec3;
+use std::cell::LazyCell;
 
 /// Ends looked at; a body has five, the rest are ears, tails, cuffs and folds.
 const ENDS: usize = 9;
@@ -16,17 +18,26 @@ const FOOT_FOOT: f64 = 1.04;
 const HAND_HAND: f64 = 0.87;
 /// Weight of a wrong proportion against a difference between the sides.
 const PROPORTION: f64 = 0.7;
+/// Where the neck is looked for from the crown, and how far inwards it is compared, in the same shares.
+const NECK: [f64; 2] = [0.10, 0.24];
+const NECK_REACH: f64 = 0.36;
+/// Weight of a wide neck against a difference between the sides.
+const NARROW: f64 = 0.6;
+/// Farthest place of the head under the top, of a foot over the bottom and of anything from the axis, in heights.
+const ON_TOP: f64 = 0.06;
+const AT_BOTTOM: f64 = 0.10;
+const SLENDER: f64 = 0.35;
 
 /// An end of the solid and the distances of all voxels from it.
+#[derive(Clone)]
 pub(super) struct End {
     pub(super) voxel: usize,
     pub(super) distance: Vec<f64>,
 }
 
-/// Head, hands and feet.
+/// Head and feet.
 pub(super) struct Extremities {
     pub(super) head: End,
-    pub(super) hands: [End; 2],
     pub(super) feet: [End; 2],
     /// Mean distance through the body from head to feet.
     pub(super) length: f64,
@@ -79,10 +90,11 @@ fn farthest(distance: &[f64]) -> usize {
     best
 }
 
-/// The labelling that is most like a person: sides alike, distances in proportion. `None` with fewer than five ends.
-pub(super) fn label(mut ends: Vec<End>) -> Option<Extremities> {
+/// The labelling of head, feet and hands that is most like a person: sides alike, distances in proportion. `None` with fewer than five
+/// ends.
+pub(super) fn label(ends: &[End]) -> Option<(Extremities, [End; 2])> {
     let n = ends.len();
-    let between: Vec<Vec<f64>> = ends.iter().map(|a| ends.iter().map(|b| a.distance[b.voxel]).collect()).collect();
+    let between = distances_between(ends);
     let mut labellings = Vec::new();
     for head in 0..n {
         for (a, b) in pairs(n) {
@@ -98,8 +110,54 @@ pub(super) fn label(mut ends: Vec<End>) -> Option<Extremities> {
     let &(cost, head, hands, feet) = labellings.first()?;
     let margin = labellings.get(1).map_or(1.0, |next| next.0) - cost;
     let length = 0.5 * (between[head][feet[0]] + between[head][feet[1]]);
-    let mut take = |i: usize| std::mem::replace(&mut ends[i], End { voxel: 0, distance: Vec::new() });
-    Some(Extremities { head: take(head), hands: hands.map(&mut take), feet: feet.map(&mut take), length, cost, margin })
+    let take = |i: usize| ends[i].clone();
+    Some((Extremities { head: take(head), feet: feet.map(take), length, cost, margin }, hands.map(take)))
+}
+
+/// The labelling of head and feet alone that is most like a person who stands with the arms down: feet alike, a narrow neck, head on top
+/// and feet at the bottom of a slender shape. `None` where no three ends are like that.
+pub(super) fn label_slender(ends: &[End], solid: &Solid) -> Option<Extremities> {
+    let n = ends.len();
+    let between = distances_between(ends);
+    let mut labellings = Vec::new();
+    for head in 0..n {
+        let farthest = between[head].iter().copied().fold(0.0, f64::max);
+        let neck = LazyCell::new(|| Curve::follow(solid, &ends[head].distance, NECK_REACH * farthest, |_| true));
+        for (f, g) in pairs(n).filter(|&(f, g)| f != head && g != head) {
+            let d = |i: usize, j: usize| between[i][j];
+            let length = 0.5 * (d(head, f) + d(head, g));
+            if !stands(solid, [head, f, g].map(|i| solid.centres[ends[i].voxel])) {
+                continue;
+            }
+            let narrow = neck.narrowest(NECK[0] * length, NECK[1] * length).map(|s| s.area);
+            let wide = neck.between(NECK[1] * length, NECK_REACH * length).iter().map(|s| s.area).fold(0.0, f64::max);
+            let Some(narrow) = narrow.filter(|_| wide > 0.0) else { continue };
+            let cost = ((d(head, f) - d(head, g)).abs() + PROPORTION * (d(f, g) - FOOT_FOOT * length).abs()) / length;
+            labellings.push((cost + NARROW * narrow / wide, head, [f, g], length));
+        }
+    }
+    labellings.sort_by(|x, y| x.0.total_cmp(&y.0));
+    let &(cost, head, feet, length) = labellings.first()?;
+    let margin = labellings.get(1).map_or(1.0, |next| next.0) - cost;
+    Some(Extremities { head: ends[head].clone(), feet: feet.map(|i| ends[i].clone()), length, cost, margin })
+}
+
+/// Whether the head is on top and the feet are at the bottom of a slender shape.
+fn stands(solid: &Solid, [head, f, g]: [DVec3; 3]) -> bool {
+    let foot = (f + g) * 0.5;
+    let Some(up) = (head - foot).try_normalize() else { return false };
+    let (mut low, mut high, mut wide) = (f64::INFINITY, f64::NEG_INFINITY, 0.0_f64);
+    for p in &solid.centres {
+        low = low.min(p.dot(up));
+        high = high.max(p.dot(up));
+        wide = wide.max((*p - foot).reject_from_normalized(up).length());
+    }
+    let height = high - low;
+    high - head.dot(up) < ON_TOP * height && f.dot(up).max(g.dot(up)) - low < AT_BOTTOM * height && wide < SLENDER * height
+}
+
+fn distances_between(ends: &[End]) -> Vec<Vec<f64>> {
+    ends.iter().map(|a| ends.iter().map(|b| a.distance[b.voxel]).collect()).collect()
 }
 
 fn pairs(n: usize) -> impl Iterator<Item = (usize, usize)> {

@@ -12,7 +12,7 @@ const ANKLE: f64 = 0.040;
 const KNEE: f64 = 0.50;
 const KNEE_BELOW_NARROW: f64 = 0.01;
 /// Elbow on the way from wrist to shoulder (Winter: forearm 0.146, upper arm 0.186 of stature).
-const ELBOW: f64 = 0.455;
+pub(super) const ELBOW: f64 = 0.455;
 /// Shoulder joint beyond the level of the armpit.
 const SHOULDER: f64 = 0.030;
 /// Hip joint above the crotch and to the side of it.
@@ -162,7 +162,7 @@ pub(super) fn neck_and_head(solid: &Solid, head: &End, length: f64) -> Option<[D
 }
 
 /// The joint between two ends of a limb: at its usual share of the way, drawn by `pull` to a clear bend when that is within `reach`.
-fn hinge(sections: &[Section], low: DVec3, high: DVec3, share: f64, reach: f64, pull: f64) -> Option<DVec3> {
+pub(super) fn hinge(sections: &[Section], low: DVec3, high: DVec3, share: f64, reach: f64, pull: f64) -> Option<DVec3> {
     let way = |p: DVec3| p.distance(low) / (p.distance(low) + p.distance(high));
     let usual = sections.iter().map(|s| s.centre).min_by(|p, q| {
         let off = |p: DVec3| (way(p) - share).abs();

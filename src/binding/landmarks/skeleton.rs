@@ -1,9 +1,10 @@
 //! From labelled ends to the joints of a person: frame, sides, calibrated places.
 
-use super::extremities::Extremities;
+use super::extremities::{End, Extremities};
+use super::hanging::{self, Standing};
 use super::limbs::{self, Arm, Crotch, Leg};
-use super::voxels::Solid;
-use super::{Body, Joint};
+use super::voxels::{Filled, Solid};
+use super::{Arms, Body, Joint};
 use crate::space::Axis;
 use glam::DVec3;
 
@@ -31,10 +32,10 @@ const SHOULDER_OFFSET: [[f64; 3]; 3] = [[1.8, 0.5, 0.0], [-0.6, 4.7, 0.6], [-2.9
 const SHOULDER_RANGE: [f64; 2] = [-0.95, 0.1];
 
 /// Up, forward and left of a body.
-struct Frame {
-    up: DVec3,
-    forward: DVec3,
-    left: DVec3,
+pub(super) struct Frame {
+    pub(super) up: DVec3,
+    pub(super) forward: DVec3,
+    pub(super) left: DVec3,
 }
 
 impl Frame {
@@ -49,8 +50,16 @@ impl Frame {
     }
 }
 
+/// How the arms are found.
+pub(super) enum Reach<'a> {
+    /// From the finger tips, when they are clear of the trunk.
+    Apart(&'a [End; 2]),
+    /// Along the sides of the trunk, in a finer filling of the shape.
+    Hanging(&'a Filled),
+}
+
 /// All joints; `None` when a limb cannot be followed.
-pub(super) fn body(solid: &Solid, ends: &Extremities, points: &[DVec3]) -> Option<Body> {
+pub(super) fn body(solid: &Solid, ends: &Extremities, reach: &Reach<'_>, points: &[DVec3]) -> Option<Body> {
     let length = ends.length;
     let [f, g] = &ends.feet;
     let tip = |v: usize| solid.centres[v];
@@ -62,12 +71,25 @@ pub(super) fn body(solid: &Solid, ends: &Extremities, points: &[DVec3]) -> Optio
     if (legs[0].ankle - legs[1].ankle).dot(rough.left) < 0.0 {
         legs.swap(0, 1);
     }
-    let mut arms = [Arm::of(solid, &ends.hands[0], length)?, Arm::of(solid, &ends.hands[1], length)?];
-    if (arms[0].shoulder - arms[1].shoulder).dot(rough.left) < 0.0 {
-        arms.swap(0, 1);
-    }
     let [neck, head] = limbs::neck_and_head(solid, &ends.head, length)?;
     let place = limbs::crotch_place(&crotch, [&legs[0], &legs[1]], rough_up, length)?;
+
+    let up = (neck - (legs[0].ankle + legs[1].ankle) * 0.5).try_normalize()?;
+    let axis = Axis::nearest(up).vector();
+    let up = if up.dot(axis) > SNAP_DEGREES.to_radians().cos() { axis } else { up };
+    let frame = Frame::new(up, forward)?;
+    let (soles, top) = extent(solid, ends, points, up)?;
+    let stature = top - soles;
+    let arms = match reach {
+        Reach::Apart(hands) => {
+            let mut arms = [Arm::of(solid, &hands[0], length)?, Arm::of(solid, &hands[1], length)?];
+            if (arms[0].shoulder - arms[1].shoulder).dot(rough.left) < 0.0 {
+                arms.swap(0, 1);
+            }
+            arms
+        }
+        Reach::Hanging(filled) => hanging::arms(&Standing { filled, frame: &frame, soles, stature, middle: neck })?,
+    };
 
     let mut joints = [DVec3::ZERO; Joint::COUNT];
     for side in 0..2 {
@@ -83,18 +105,15 @@ pub(super) fn body(solid: &Solid, ends: &Extremities, points: &[DVec3]) -> Optio
     joints[Joint::Neck as usize] = neck;
     joints[Joint::Head as usize] = head;
 
-    let up = (neck - (legs[0].ankle + legs[1].ankle) * 0.5).try_normalize()?;
-    let axis = Axis::nearest(up).vector();
-    let up = if up.dot(axis) > SNAP_DEGREES.to_radians().cos() { axis } else { up };
-    let frame = Frame::new(up, forward)?;
-    let (soles, top) = extent(solid, ends, points, up)?;
-    let stature = top - soles;
     joints[Joint::Crown as usize] = crown(solid, ends, up, top)?;
-    let arm_elevation = calibrate(&mut joints, &frame, stature);
+    let arms = if matches!(reach, Reach::Apart(_)) { Arms::Apart } else { Arms::Hanging };
+    calibrate(&mut joints, &frame, stature, arms);
+    let arm_elevation = [(Joint::LeftShoulder, Joint::LeftWrist), (Joint::RightShoulder, Joint::RightWrist)]
+        .map(|arm| rise(&joints, &frame, arm).asin().to_degrees());
     let mid_hip = (joints[Joint::LeftHip as usize] + joints[Joint::RightHip as usize]) * 0.5;
     joints[Joint::MidHip as usize] = mid_hip;
     let Extremities { margin, cost, .. } = *ends;
-    Some(Body { joints, up, forward: frame.forward, facing_ratio, margin, cost, stature, arm_elevation })
+    Some(Body { joints, up, forward: frame.forward, facing_ratio, margin, cost, stature, arm_elevation, arms, floor: None })
 }
 
 /// Where the feet stick out of the shanks, and how much more they do to the front than to the back.
@@ -129,29 +148,34 @@ fn crown(solid: &Solid, ends: &Extremities, up: DVec3, top: f64) -> Option<DVec3
     (count > 0).then(|| middle + up * (top - middle.dot(up)))
 }
 
-/// Moves the joints by the constant offsets; gives the elevation of the arms in degrees.
-fn calibrate(joints: &mut [DVec3; Joint::COUNT], frame: &Frame, stature: f64) -> [f64; 2] {
+/// Moves the joints by the constant offsets; those of hanging arms are found without.
+fn calibrate(joints: &mut [DVec3; Joint::COUNT], frame: &Frame, stature: f64, arms: Arms) {
     let percent = 0.01 * stature;
     for (hip, ankle) in [(Joint::LeftHip, Joint::LeftAnkle), (Joint::RightHip, Joint::RightAnkle)] {
         let height = (joints[hip as usize] - joints[ankle as usize]).dot(frame.up);
         joints[hip as usize] += frame.up * (HIP_HEIGHT.1 * (HIP_HEIGHT.0 * stature - height));
     }
-    for (left, right, offset) in OFFSETS {
+    let hangs = |joint: Joint| arms == Arms::Hanging && matches!(joint, Joint::LeftElbow | Joint::LeftWrist);
+    for (left, right, offset) in OFFSETS.into_iter().filter(|(left, ..)| !hangs(*left)) {
         joints[left as usize] += frame.vector(1.0, offset) * percent;
         joints[right as usize] += frame.vector(-1.0, offset) * percent;
     }
     joints[Joint::Neck as usize] += frame.vector(1.0, NECK_OFFSET) * percent;
     joints[Joint::Head as usize] += frame.vector(1.0, HEAD_OFFSET) * percent;
-    let arms = [(Joint::LeftShoulder, Joint::LeftWrist, 1.0), (Joint::RightShoulder, Joint::RightWrist, -1.0)];
-    arms.map(|(shoulder, wrist, side)| {
-        let rise = |joints: &[DVec3; Joint::COUNT]| {
-            let arm = joints[wrist as usize] - joints[shoulder as usize];
-            arm.normalize_or_zero().dot(frame.up).clamp(-1.0, 1.0)
-        };
-        let s = rise(joints).clamp(SHOULDER_RANGE[0], SHOULDER_RANGE[1]);
+    if arms == Arms::Hanging {
+        return;
+    }
+    for (shoulder, wrist, side) in [(Joint::LeftShoulder, Joint::LeftWrist, 1.0), (Joint::RightShoulder, Joint::RightWrist, -1.0)]
+    {
+        let s = rise(joints, frame, (shoulder, wrist)).clamp(SHOULDER_RANGE[0], SHOULDER_RANGE[1]);
         let [a, b, c] = SHOULDER_OFFSET;
         let offset = [0, 1, 2].map(|i| a[i] + b[i] * s + c[i] * s * s);
         joints[shoulder as usize] += frame.vector(side, offset) * percent;
-        rise(joints).asin().to_degrees()
-    })
+    }
+}
+
+/// Sine of the elevation of an arm.
+fn rise(joints: &[DVec3; Joint::COUNT], frame: &Frame, (shoulder, wrist): (Joint, Joint)) -> f64 {
+    let arm = joints[wrist as usize] - joints[shoulder as usize];
+    arm.normalize_or_zero().dot(frame.up).clamp(-1.0, 1.0)
 }

@@ -39,6 +39,17 @@ impl Shells {
         }
     }
 
+    /// A closed box.
+    fn slab(&mut self, low: DVec3, high: DVec3) {
+        let first = self.points.len() as u32;
+        let side = |bit: bool, axis: usize| if bit { high[axis] } else { low[axis] };
+        self.points.extend((0..8).map(|k| DVec3::new(side(k & 1 != 0, 0), side(k & 2 != 0, 1), side(k & 4 != 0, 2))));
+        for q in [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]] {
+            let q = q.map(|v| first + v);
+            self.triangles.extend([[q[0], q[1], q[2]], [q[0], q[2], q[3]]]);
+        }
+    }
+
     fn placed(&self, turn: DMat3) -> Vec<DVec3> {
         let turned: Vec<DVec3> = self.points.iter().map(|p| turn * *p).collect();
         let (lo, hi) = turned.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(*p), b.max(*p)));
@@ -48,6 +59,10 @@ impl Shells {
 
 /// A person 1.75 tall with up +Y, facing +Z, and the true joints; the arms point `down` degrees below level.
 fn person(down: f64) -> (Shells, [DVec3; Joint::COUNT]) {
+    standing(down, true)
+}
+
+fn standing(down: f64, with_arms: bool) -> (Shells, [DVec3; Joint::COUNT]) {
     let v = DVec3::new;
     let mut shells = Shells::default();
     let mut joints = [DVec3::ZERO; Joint::COUNT];
@@ -55,9 +70,11 @@ fn person(down: f64) -> (Shells, [DVec3; Joint::COUNT]) {
         let arm = v(x * down.to_radians().cos(), -down.to_radians().sin(), 0.0);
         let shoulder = v(x * 0.18, 1.42, 0.0);
         let [elbow, wrist, tip] = [0.29, 0.54, 0.73].map(|l| shoulder + arm * l);
-        shells.capsule([(shoulder, 0.055), (elbow, 0.042)]);
-        shells.capsule([(elbow, 0.042), (wrist, 0.028)]);
-        shells.capsule([(wrist + arm * 0.05, 0.040), (tip - arm * 0.02, 0.02)]);
+        if with_arms {
+            shells.capsule([(shoulder, 0.055), (elbow, 0.042)]);
+            shells.capsule([(elbow, 0.042), (wrist, 0.028)]);
+            shells.capsule([(wrist + arm * 0.05, 0.040), (tip - arm * 0.02, 0.02)]);
+        }
         joints[first_arm as usize..][..4].copy_from_slice(&[shoulder, elbow, wrist, tip]);
         let (hip, knee, ankle) = (v(x * 0.095, 0.92, 0.0), v(x * 0.13, 0.50, 0.01), v(x * 0.165, 0.08, 0.0));
         let toe = v(x * 0.18, 0.02, 0.20);
@@ -176,10 +193,62 @@ fn what_is_no_standing_person_is_refused() {
 }
 
 #[test]
-fn hanging_arms_are_refused_in_words() {
-    let (shells, _) = person(88.0);
+fn hanging_arms_are_found_from_the_sides_in_any_turn() {
+    for (down, turned) in [(84.0, [0, 1]), (87.0, [2, 3]), (90.0, [0, 2])] {
+        let (shells, joints) = person(down);
+        for turn in turned.map(|i| turns()[i]) {
+            let body = find(&shells.placed(turn), &shells.triangles).unwrap();
+            assert_eq!(body.arms, Arms::Hanging);
+            let (error, joint) = worst(&body, &shells, &joints, turn);
+            assert!(error < 0.03, "arms {down} down: joint {joint} is off by {:.1} % of stature", 100.0 * error);
+            assert!(body.up.angle_between(turn * DVec3::Y) < 4_f64.to_radians());
+            assert!(body.forward.angle_between(turn * DVec3::Z) < 5_f64.to_radians());
+            for elevation in body.arm_elevation {
+                assert!((elevation + down).abs() < 7.0, "{elevation} for {down} degrees down");
+            }
+        }
+    }
+}
+
+#[test]
+fn shoulders_are_seen_from_the_sides_where_a_stout_trunk_hides_the_armpits() {
+    let (mut shells, joints) = person(70.0);
+    for x in [-1.0, 1.0] {
+        shells.capsule([(DVec3::new(x * 0.09, 1.0, 0.02), 0.15), (DVec3::new(x * 0.095, 1.28, 0.0), 0.125)]);
+    }
+    for turn in [turns()[0], turns()[2]] {
+        let body = find(&shells.placed(turn), &shells.triangles).unwrap();
+        assert_eq!(body.arms, Arms::Apart);
+        let (error, joint) = worst(&body, &shells, &joints, turn);
+        assert!(error < 0.05, "joint {joint} is off by {:.1} % of stature", 100.0 * error);
+    }
+}
+
+#[test]
+fn a_body_without_arms_is_refused() {
+    let (shells, _) = standing(87.0, false);
     let refusal = find(&shells.placed(DMat3::IDENTITY), &shells.triangles).unwrap_err();
-    assert!(refusal.reason.contains("arms and legs apart"), "{}", refusal.reason);
+    assert!(refusal.reason.contains("looked for a standing person"), "{}", refusal.reason);
+}
+
+#[test]
+fn a_floor_under_the_feet_is_left_out_in_any_turn() {
+    for (down, arms) in [(45.0, Arms::Apart), (87.0, Arms::Hanging)] {
+        let (mut shells, joints) = person(down);
+        let feet = shells.points.len();
+        shells.slab(DVec3::new(-0.35, -0.03, -0.25), DVec3::new(0.35, 0.004, 0.35));
+        for turn in [turns()[0], turns()[1]] {
+            let placed = shells.placed(turn);
+            let body = find(&placed, &shells.triangles).unwrap();
+            assert_eq!(body.arms, arms);
+            let floor = body.floor.unwrap();
+            assert!(placed[feet..].iter().all(|p| floor.holds(*p)));
+            let highest = (0..feet).filter(|&v| floor.holds(placed[v])).map(|v| shells.points[v].y).fold(0.0, f64::max);
+            assert!(highest < 0.03, "the floor takes the feet to a height of {highest} of 1.75");
+            let (error, joint) = worst(&body, &shells, &joints, turn);
+            assert!(error < 0.05, "joint {joint} is off by {:.1} % of stature", 100.0 * error);
+        }
+    }
 }
 
 #[test]

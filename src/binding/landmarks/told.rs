@@ -1,6 +1,6 @@
 //! Joints that the user gives.
 
-use super::{Body, Joint, NotHuman};
+use super::{Arms, Body, Joint, NotHuman};
 use crate::space::Axis;
 use glam::DVec3;
 use std::collections::BTreeMap;
@@ -91,7 +91,18 @@ fn made(places: &BTreeMap<Joint, DVec3>, points: &[DVec3]) -> Result<Body, Vec<S
         let sole = at(ankle) + up * (lowest - at(ankle).dot(up));
         joints[toe as usize] = sole + forward * (FOOT * stature);
     }
-    Ok(Body { joints, up, forward, facing_ratio: f64::INFINITY, margin: 1.0, cost: 0.0, stature, arm_elevation })
+    Ok(Body {
+        joints,
+        up,
+        forward,
+        facing_ratio: f64::INFINITY,
+        margin: 1.0,
+        cost: 0.0,
+        stature,
+        arm_elevation,
+        arms: Arms::Apart,
+        floor: None,
+    })
 }
 
 /// A joint as the rig file calls it.

@@ -4,7 +4,7 @@ use super::axes::principal_axes;
 use glam::{DMat3, DVec3};
 
 /// Voxels along the longest side of the body. 80 to 160 give the same joints, 60 is too coarse for wrists and necks.
-const RESOLUTION: f64 = 110.0;
+pub(super) const RESOLUTION: f64 = 110.0;
 /// Empty cells around the shape.
 const PAD: i32 = 2;
 /// A shell whose filling adds less than this share of itself leaks.
@@ -52,16 +52,52 @@ pub(super) struct Solid {
     voxel_of_cell: Vec<u32>,
 }
 
-impl Solid {
-    /// Fills the mesh; `None` when there is no surface of measurable extent.
+/// The cells inside a mesh.
+pub(super) struct Filled {
+    grid: Grid,
+    inside: Vec<bool>,
+}
+
+impl Filled {
+    /// Fills the mesh, with so many cells along its longest side; `None` when there is no surface of measurable extent.
     ///
-    /// The grid lies along the principal axes of the surface, so that a turned mesh gives the same voxels, turned.
-    pub(super) fn of(points: &[DVec3], triangles: &[[u32; 3]]) -> Option<Self> {
+    /// The grid lies along the principal axes of the surface, so that a turned mesh gives the same cells, turned.
+    pub(super) fn of(points: &[DVec3], triangles: &[[u32; 3]], resolution: f64) -> Option<Self> {
         let corners = |t: &[u32; 3]| t.map(|v| points[v as usize]);
-        let grid = Grid::around(triangles.iter().map(corners))?;
+        let grid = Grid::around(triangles.iter().map(corners), resolution)?;
         let shell = grid.shell(triangles.iter().map(corners))?;
         let inside = grid.filled(&shell);
-        let body = grid.largest_part(&inside);
+        Some(Self { grid, inside })
+    }
+
+    /// Edge of a cell.
+    pub(super) fn pitch(&self) -> f64 {
+        self.grid.pitch
+    }
+
+    /// Whether a point lies inside.
+    pub(super) fn holds(&self, p: DVec3) -> bool {
+        self.grid.cell(self.grid.along.transpose() * p).is_some_and(|cell| self.inside[cell])
+    }
+
+    /// Centres of the cells inside.
+    pub(super) fn centres(&self) -> impl Iterator<Item = DVec3> {
+        self.inside.iter().enumerate().filter(|(_, inside)| **inside).map(|(cell, _)| self.grid.centre(cell))
+    }
+
+    /// Leaves out the cells whose centres do not pass.
+    pub(super) fn keep(&mut self, passes: impl Fn(DVec3) -> bool) {
+        for (cell, inside) in self.inside.iter_mut().enumerate() {
+            *inside = *inside && passes(self.grid.centre(cell));
+        }
+    }
+}
+
+impl Solid {
+    /// What hangs together most of what is filled.
+    pub(super) fn of(filled: &Filled) -> Self {
+        let grid = filled.grid.clone();
+        let body = grid.largest_part(&filled.inside);
         let mut voxel_of_cell = vec![NONE; body.len()];
         let mut cells = Vec::new();
         for (cell, _) in body.iter().enumerate().filter(|(_, inside)| **inside) {
@@ -71,7 +107,7 @@ impl Solid {
         let offsets = STEPS.map(|d| grid.offset(d));
         let neighbours = cells.iter().map(|&cell| offsets.map(|o| voxel_of_cell[cell.wrapping_add_signed(o)])).collect();
         let centres = cells.iter().map(|&cell| grid.centre(cell)).collect();
-        Some(Self { pitch: grid.pitch, centres, neighbours, grid, voxel_of_cell })
+        Self { pitch: grid.pitch, centres, neighbours, grid, voxel_of_cell }
     }
 
     /// Number of voxels.
@@ -87,6 +123,7 @@ impl Solid {
 }
 
 /// A regular grid of cells along rotated axes.
+#[derive(Clone)]
 struct Grid {
     /// Columns: the grid's axes in the mesh's space.
     along: DMat3,
@@ -97,7 +134,7 @@ struct Grid {
 }
 
 impl Grid {
-    fn around(triangles: impl Iterator<Item = [DVec3; 3]> + Clone) -> Option<Self> {
+    fn around(triangles: impl Iterator<Item = [DVec3; 3]> + Clone, resolution: f64) -> Option<Self> {
         let mut area = 0.0;
         let mut mean = DVec3::ZERO;
         for [a, b, c] in triangles.clone() {
@@ -125,7 +162,7 @@ impl Grid {
             hi = hi.max(turn * p);
         }
         let extent = hi - lo;
-        let pitch = extent.max_element() / RESOLUTION;
+        let pitch = extent.max_element() / resolution;
         if !(pitch.is_finite() && pitch > 0.0) {
             return None;
         }

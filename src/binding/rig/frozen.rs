@@ -4,7 +4,7 @@
 use super::Written;
 use crate::binding::bind::{Take, segment_places};
 use crate::binding::fit::{Fit, RATIOS, SIZE};
-use crate::binding::landmarks::{Body, Joint};
+use crate::binding::landmarks::{Arms, Body, Floor, Joint};
 use crate::binding::retarget::{self, Retargeting, Seen};
 use crate::binding::segments::{Segment, Skeleton};
 use crate::binding::similarity::{Held, Similarity};
@@ -106,7 +106,6 @@ impl FrozenJoints {
 #[serde(deny_unknown_fields)]
 struct Print {
     vertices: usize,
-    faces: usize,
     hash: String,
 }
 
@@ -128,10 +127,21 @@ struct FrozenBody {
     forward: Triple,
     stature: f64,
     arm_elevation: [f64; 2],
+    #[serde(default, skip_serializing_if = "super::is_default")]
+    arms: Arms,
+    #[serde(default, skip_serializing_if = "super::is_default")]
+    floor: Option<FrozenFloor>,
     facing_ratio: f64,
     margin: f64,
     cost: f64,
     joints: BTreeMap<Joint, Triple>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FrozenFloor {
+    up: Triple,
+    height: f64,
 }
 
 /// The actor's pose and proportions in the reference frame, as [`Fit`].
@@ -227,7 +237,7 @@ impl Frozen {
 
     fn of_decisions(d: &Decisions, capture: &Capture, body: Option<&Body>, start: usize) -> Self {
         Self {
-            scan: Print { vertices: 0, faces: 0, hash: String::new() },
+            scan: Print { vertices: 0, hash: String::new() },
             capture: capture.name.clone(),
             align: d.align,
             on_skin: d.on_skin,
@@ -542,7 +552,7 @@ impl Print {
             mesh.positions.iter().flat_map(|p| p.to_array()).fold(0xcbf2_9ce4_8422_2325_u64, |hash, x| {
                 (hash ^ x.to_bits()).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(17)
             });
-        Self { vertices: mesh.positions.len(), faces: mesh.faces.len(), hash: format!("{hash:016x}") }
+        Self { vertices: mesh.positions.len(), hash: format!("{hash:016x}") }
     }
 }
 
@@ -553,6 +563,8 @@ impl FrozenBody {
             forward: body.forward.to_array(),
             stature: body.stature,
             arm_elevation: body.arm_elevation,
+            arms: body.arms,
+            floor: body.floor.map(|f| FrozenFloor { up: f.up.to_array(), height: f.height }),
             facing_ratio: body.facing_ratio,
             margin: body.margin,
             cost: body.cost,
@@ -570,6 +582,8 @@ impl FrozenBody {
             cost: self.cost,
             stature: self.stature,
             arm_elevation: self.arm_elevation,
+            arms: self.arms,
+            floor: self.floor.as_ref().map(|f| Floor { up: DVec3::from(f.up), height: f.height }),
         }
     }
 }
