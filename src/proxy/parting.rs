@@ -20,6 +20,9 @@ const ACCURACY: f64 = 1e-4;
 const STEPS: usize = 600;
 /// Sweeps that carry displacements inwards.
 const SWEEPS: usize = 200;
+/// Where fewer of the vertices inside another part have a nearest way out, as a share of those that have one with their neighbours, the nearest
+/// ways lead to the wrong side. (Feet of a man turned in by 12 degrees: 136 of 338.)
+const LOST: f64 = 0.6;
 /// Fewer contacts are noise.
 const FEWEST: usize = 3;
 
@@ -35,9 +38,15 @@ pub(super) struct Parted {
 
 /// Parts what touches; `None` where nothing does. `close` makes the closed surface of a pose.
 ///
-/// Each vertex leaves by the nearest way. Limbs that go through each other so far that this leads some vertices out on one side and some on the other
-/// are stuck then: they start again and leave together.
+/// Each vertex leaves by the nearest way. Of limbs that go through each other so far that many vertices find none, or that they are stuck then, all
+/// leave together.
 pub(super) fn part(skin: &Skin<'_>, rest: &[DVec3], close: impl Fn(&[DVec3]) -> TriangleTree) -> Option<Parted> {
+    let whole = close(rest);
+    let inside = |way_out: WayOut| skin.contacts(rest, &whole, way_out).iter().filter(|c| c.gap < 0.0).count();
+    let (alone, together) = (inside(WayOut::Nearest), inside(WayOut::Together));
+    if (alone as f64) < LOST * together as f64 {
+        return part_by(skin, rest, &close, WayOut::Together);
+    }
     let nearest = part_by(skin, rest, &close, WayOut::Nearest)?;
     let posed: Vec<DVec3> = rest.iter().zip(&nearest.shift).map(|(p, u)| *p + *u).collect();
     let stuck = skin.contacts(&posed, &close(&posed), WayOut::Together).iter().any(|c| c.gap < 0.0);

@@ -25,6 +25,7 @@ fn arms_and_legs_that_touch_stay_apart() {
         (straight(-4.0, 11.0), true),
         (straight(-8.0, 12.0), true),
         (straight(-12.0, 13.0), true),
+        (straight(-9.0, 12.5), true),
         (straight(30.0, 11.5), true),
         (Pose { arm: 42.0, leg: 0.0, hand: Some(hips) }, true),
     ];
