@@ -1,7 +1,7 @@
 //! Rigid parts and stiffness: what is said of parts of the scan, brought onto the tetrahedra of the proxy.
 
 use super::select::{self, ROUND_JOINTS, Selector, Stiffness, What};
-use super::{Binding, Segment};
+use super::{Binding, Limbs, Segment};
 use crate::error::{Error, Kind, Result};
 use crate::proxy::Proxy;
 use crate::scan::{NONE, Scan, UnitBox};
@@ -159,13 +159,21 @@ pub struct Subject<'a> {
     unit_box: UnitBox,
     proxy: &'a Proxy,
     binding: &'a Binding,
+    /// Where limbs touch: what belongs to which.
+    limbs: Option<&'a Limbs>,
     centroids: Vec<DVec3>,
 }
 
 impl<'a> Subject<'a> {
     /// `points`: the scan's vertices in the unit box.
     pub fn new(scan: &'a Scan, points: &'a [DVec3], unit_box: UnitBox, proxy: &'a Proxy, binding: &'a Binding) -> Self {
-        Self { scan, points, unit_box, proxy, binding, centroids: centroids(proxy) }
+        Self { scan, points, unit_box, proxy, binding, limbs: None, centroids: centroids(proxy) }
+    }
+
+    /// The same, with limbs that touch told apart.
+    #[must_use]
+    pub fn with_limbs(self, limbs: Option<&'a Limbs>) -> Self {
+        Self { limbs, ..self }
     }
 
     /// The proxy of the scan.
@@ -295,9 +303,12 @@ impl<'a> Subject<'a> {
             .filter(|p| p.segment.parent().is_some_and(|parent| part.contains(&parent) != part.contains(&p.segment)))
             .map(|p| p.from)
             .collect();
-        Ok(self.having(|c| {
+        let suits = |t: &[u32; 4], s: Segment| self.limbs.is_none_or(|limbs| t.iter().all(|&v| limbs.suits(v, s)));
+        let tets = (0u32..).zip(self.proxy.tets.iter().zip(&self.centroids));
+        let chosen = tets.filter(|(_, (tet, c))| {
+            let c = **c;
             let mut nearest = (f64::INFINITY, None);
-            for p in segments {
+            for p in segments.iter().filter(|p| suits(tet, p.segment)) {
                 // The pelvis is told from neck to hips; its own share ends where the trunk begins.
                 let to = if p.segment == Segment::Pelvis { place(Segment::Trunk).map_or(p.to, |t| t.from) } else { p.to };
                 let distance = from_line(c, p.from, to);
@@ -306,7 +317,8 @@ impl<'a> Subject<'a> {
                 }
             }
             nearest.1.is_some_and(|s| part.contains(&s)) && joints.iter().all(|j| j.distance(c) > radius)
-        }))
+        });
+        Ok(chosen.map(|(t, _)| t).collect())
     }
 
     fn unknown(&self, selector: &Selector, found: &str, word: &str, known: &[&str], prefix: &str) -> Error {

@@ -12,7 +12,7 @@ use super::rig::Rig;
 use crate::binding::landmarks::Floor;
 use crate::binding::regions::Subject;
 use crate::binding::select::Hold;
-use crate::binding::{self, Binding, Regions, Rules, ScanShape, driven, landmarks};
+use crate::binding::{self, Binding, Limbs, Regions, Rules, ScanShape, Segment, driven, landmarks};
 use crate::capture::handles_csv::HandleTable;
 use crate::capture::resample::Sampling;
 use crate::capture::{self, Capture, ReadOptions, smooth};
@@ -119,7 +119,7 @@ impl Setup {
         warn(console, &mut warnings, &unbound(&binding));
         warn(console, &mut warnings, &grips::missing(&binding.turning, &holdings(args), range.clone()));
         binding_details(&binding).iter().for_each(|line| console.detail(line));
-        let (proxy, remarks, notes, joined) = built?;
+        let Made { proxy, words: remarks, notes, joined, touching } = built?;
         console.station("proxy", &remarks);
         warn(console, &mut warnings, &notes);
         rig.save(args, &scan, &binding)?;
@@ -137,9 +137,10 @@ impl Setup {
 
         let (mut proxy, mut handles, mut oriented, mut regions) = (proxy, Vec::new(), Vec::new(), Regions::default());
         for _ in 0..2 {
-            let subject = Subject::new(&scan, &points, unit_box, &proxy, &binding);
+            let limbs = if touching { Limbs::of(&proxy, &binding, unit_box.diagonal, &joined) } else { None };
+            let subject = Subject::new(&scan, &points, unit_box, &proxy, &binding).with_limbs(limbs.as_ref());
             regions = Regions::new(&subject, &rules(args, &rig, &binding))?;
-            handles = attach(&proxy, &binding, &regions, args);
+            handles = attach(&proxy, &binding, &regions, limbs.as_ref(), args);
             oriented = grips::grips(&subject, &binding.turning.handles, &holdings(args))?;
             let Some(held) = held_components(&proxy, &handles, &oriented) else { break };
             proxy = proxy.with_components(|c| held[c as usize]);
@@ -410,14 +411,21 @@ fn read_reference(path: &Path, options: &ReadOptions) -> Result<Capture> {
 }
 
 /// The handles of the bound markers.
-fn attach(proxy: &Proxy, binding: &Binding, regions: &Regions, args: &Animate) -> Vec<Handle> {
+fn attach(proxy: &Proxy, binding: &Binding, regions: &Regions, limbs: Option<&Limbs>, args: &Animate) -> Vec<Handle> {
     let rows = HandleRows::new(proxy, args.map.into());
+    // Where limbs touch, each segment has rows on its own limb.
+    let own: Vec<HandleRows> =
+        limbs.iter().flat_map(|limbs| Segment::ALL.map(|s| rows.among(proxy, |v| limbs.suits(v, s)))).collect();
     let on_rigid = regions.on_rigid(proxy, binding.handles.iter().map(|h| h.attachment));
     let handles = binding.handles.iter().zip(on_rigid);
     handles
         .map(|(h, rigid)| {
             let beta = if rigid && h.beta >= 1.0 { h.beta * GRIP } else { h.beta };
-            Handle { name: h.label.clone(), row: rows.row(h.attachment), beta }
+            Handle {
+                name: h.label.clone(),
+                row: h.segment.and_then(|s| own.get(s as usize)).unwrap_or(&rows).row(h.attachment),
+                beta,
+            }
         })
         .collect()
 }
@@ -441,7 +449,18 @@ fn held_components(proxy: &Proxy, handles: &[Handle], oriented: &[OrientedHandle
     (held.contains(&true) && held.contains(&false)).then_some(held)
 }
 
-/// The proxy: built from the scan, or read from `--proxy`; with the words of its line, and the places where parts are joined that only touch.
+/// A proxy, with the words of its line.
+struct Made {
+    proxy: Proxy,
+    words: String,
+    notes: Notes,
+    /// Where parts are joined that only touch.
+    joined: Vec<DVec3>,
+    /// Whether parts touch.
+    touching: bool,
+}
+
+/// The proxy: built from the scan, or read from `--proxy`.
 fn body(
     args: &Animate,
     scan: &Scan,
@@ -449,7 +468,7 @@ fn body(
     points: &[DVec3],
     triangles: &[[u32; 3]],
     cancel: &Cancel,
-) -> Result<(Proxy, String, Notes, Vec<DVec3>)> {
+) -> Result<Made> {
     if let Some(path) = &args.proxy {
         let (proxy, notes) = medit::read(path, &unit_box)?;
         let line = format!(
@@ -458,12 +477,14 @@ fn body(
             words::count(proxy.rest.len()),
             words::count(proxy.tets.len())
         );
-        return Ok((proxy, line, notes, Vec::new()));
+        return Ok(Made { proxy, words: line, notes, joined: Vec::new(), touching: false });
     }
     let options = BuildOptions { surface_vertices: args.proxy_vertices as usize };
     let built = proxy::build(points, triangles, &options, &|| cancel.check())
         .map_err(|e| if e.file.is_none() && e.kind != Kind::Interrupted { e.file(&scan.source) } else { e })?;
-    Ok((built.proxy, format!("{} · {}", built.summary.size(), built.summary.remarks()), built.notes, built.joined))
+    let words = format!("{} · {}", built.summary.size(), built.summary.remarks());
+    let touching = built.summary.touching > 0;
+    Ok(Made { proxy: built.proxy, words, notes: built.notes, joined: built.joined, touching })
 }
 
 fn bind(

@@ -53,6 +53,16 @@ impl HandleRows {
         }
     }
 
+    /// The same, with only the boundary whose vertices are among `keep`; all of it where none is.
+    #[must_use]
+    pub fn among(&self, proxy: &Proxy, keep: impl Fn(u32) -> bool) -> Self {
+        let boundary: Vec<[u32; 3]> = proxy.boundary.iter().filter(|t| t.iter().all(|&v| keep(v))).copied().collect();
+        if boundary.is_empty() {
+            return self.clone();
+        }
+        Self { vertices: self.vertices, tree: TriangleTree::new(&proxy.rest, &boundary), boundary, maps: self.maps.clone() }
+    }
+
     /// Row of a point on, inside or outside the body; applied to the rest pose it gives `point`. Sums to 1.
     /// Empty if the proxy has no boundary.
     ///
@@ -77,7 +87,7 @@ impl HandleRows {
         sum.take()
     }
 
-    /// Nearest point of the boundary; the triangle is an index into [`Proxy::boundary`]. `None` if the proxy has no boundary.
+    /// Nearest point of the boundary; of rows for the whole of it, the triangle is an index into [`Proxy::boundary`]. `None` if the proxy has none.
     pub fn closest(&self, point: DVec3) -> Option<Closest> {
         self.tree.closest(point)
     }
