@@ -71,16 +71,18 @@ pub fn bind(
     reference: Option<&Capture>,
     options: &Options,
 ) -> Result<Binding> {
-    let mut take = Take::of(capture, options);
     if let Some(frozen) = &options.frozen {
+        let options = &Options { mirror: frozen.mirror(), swap_sides: frozen.swap_sides(), ..options.clone() };
+        let take = Take::of(capture, options);
         return match (&capture.motion, frozen.joints()) {
             (Motion::Markers(_), None) => frozen.bind(scan, &take, options),
             (Motion::Skeleton(joints), Some(kept)) => skeletons::bind_again(scan, capture, joints, frozen, kept, options),
-            _ => Err(Error::refused(format!("the rig file's [frozen] is not of a capture of {}s", capture.motion.noun()))
+            _ => Err(Error::refused("the rig file's [frozen] is of another kind of capture".to_owned())
                 .file(&capture.source)
                 .hint("a rig file without [frozen]")),
         };
     }
+    let mut take = Take::of(capture, options);
     if take.track.take.frames() == 0 {
         return Err(Error::refused("there is no marker to bind").file(&capture.source));
     }
@@ -120,8 +122,23 @@ pub fn bind(
     let skeleton = Skeleton::of(&body);
     take.correct(options, Some(&skeleton));
     if !checks::are_told(&take) && matches!(capture.motion, Motion::Markers(_)) {
-        let told = tell(scan, &skeleton, &take, options)?;
-        (take.names, take.remark) = (told.0, Some(told.1));
+        match tell(scan, &skeleton, &take, options) {
+            Ok((names, remark)) => {
+                (take.names, take.remark) = (names, Some(remark));
+                take.correct(options, Some(&skeleton));
+            }
+            // What lies on the scan needs no names.
+            Err(error) => {
+                if options.align == Align::Auto
+                    && options.reference == Reference::Auto
+                    && reference.is_none()
+                    && let Some(found) = raw::lies_on(scan, &take, Some(&skeleton), options)
+                {
+                    return raw::bind_found(scan, Some(&body), &take, found, options);
+                }
+                return Err(error);
+            }
+        }
     }
     if options.align == Align::Auto
         && options.reference == Reference::Auto
@@ -148,7 +165,7 @@ fn tell(scan: &ScanShape<'_>, body: &Skeleton, take: &Take<'_>, options: &Option
             let count = names.count();
             let markers = take.track.take.markers();
             let remark = format!(
-                "labels say nothing: {count} of {markers} markers told by their places on the body (the other way round fits {ratio:.1} times worse); \
+                "labels say too little: {count} of {markers} markers told by their places on the body (the other way round fits {ratio:.1} times worse); \
                  check the picture"
             );
             Ok((names, remark))
@@ -326,7 +343,7 @@ impl Human<'_> {
         d.scan_height = Some(self.body.stature * diagonal);
         let retargeted = (align == Align::Retarget).then(|| self.retargeting(&fit.fit, &kept));
         let retargeted = retargeted.as_ref().map(|r| (r, kept.seen.as_slice()));
-        binding.frozen = Some(Frozen::of(&binding, self.take, Some(self.body), kept.start, retargeted, options.mirror));
+        binding.frozen = Some(Frozen::of(&binding, self.take, Some(self.body), kept.start, retargeted, options));
         Ok(binding)
     }
 

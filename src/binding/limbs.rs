@@ -18,6 +18,8 @@ const ROOT: f64 = 0.12;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Limb {
+    /// A piece by itself: no way leads there.
+    Loose,
     Body,
     Arm(usize),
     Leg(usize),
@@ -46,8 +48,13 @@ impl Limbs {
         let hips = from(Segment::Pelvis)?;
         let arms = [below(Segment::LeftUpperArm)?, below(Segment::RightUpperArm)?];
         let legs = [from(Segment::LeftThigh)?, from(Segment::RightThigh)?];
-        let past = |(root, ways): &(usize, Vec<f64>), v: usize| hips.1[v] + THICK * height >= hips.1[*root] + ways[v];
+        let past = |(root, ways): &(usize, Vec<f64>), v: usize| {
+            ways[v].is_finite() && hips.1[v] + THICK * height >= hips.1[*root] + ways[v]
+        };
         let limb = |v: usize| {
+            if !hips.1[v].is_finite() {
+                return Limb::Loose;
+            }
             let arm = (0..2).filter(|&s| past(&arms[s], v)).min_by(|&a, &b| arms[a].1[v].total_cmp(&arms[b].1[v]));
             let leg = (0..2).filter(|&s| past(&legs[s], v) && legs[s].1[v] > ROOT * height);
             let leg = leg.min_by(|&a, &b| legs[a].1[v].total_cmp(&legs[b].1[v]));
@@ -62,6 +69,9 @@ impl Limbs {
     pub fn suits(&self, vertex: u32, segment: Segment) -> bool {
         use Segment::*;
         let limb = self.of[vertex as usize];
+        if limb == Limb::Loose {
+            return true;
+        }
         match segment {
             LeftForearm | LeftHand => limb == Limb::Arm(0),
             RightForearm | RightHand => limb == Limb::Arm(1),
@@ -78,6 +88,8 @@ impl Limbs {
 
 /// Edges of the tetrahedra.
 struct Ways {
+    /// Vertices of the largest component.
+    body: Vec<u32>,
     starts: Vec<usize>,
     next: Vec<(u32, f64)>,
 }
@@ -101,13 +113,19 @@ impl Ways {
         edges.iter().for_each(|e| starts[e[0] as usize + 1] += 1);
         (0..proxy.rest.len()).for_each(|v| starts[v + 1] += starts[v]);
         let length = |e: &[u32; 2]| proxy.rest[e[0] as usize].distance(proxy.rest[e[1] as usize]);
-        Self { starts, next: edges.iter().map(|e| (e[1], length(e))).collect() }
+        let component = |c: u32| proxy.tets.iter().zip(&proxy.components).filter(move |(_, of)| **of == c).map(|(t, _)| t);
+        let count = proxy.components.iter().max().map_or(0, |&last| last + 1);
+        let main = (0..count).max_by_key(|&c| (component(c).count(), Reverse(c))).unwrap_or(0);
+        let mut body: Vec<u32> = component(main).flatten().copied().collect();
+        body.sort_unstable();
+        body.dedup();
+        Self { body, starts, next: edges.iter().map(|e| (e[1], length(e))).collect() }
     }
 
-    /// The vertex nearest to a place, and the ways from there to all; infinite where none leads.
+    /// The vertex of the body nearest to a place, and the ways from there to all; infinite where none leads.
     fn from(&self, proxy: &Proxy, place: DVec3) -> (usize, Vec<f64>) {
-        let far = |v: &usize| proxy.rest[*v].distance_squared(place);
-        let root = (0..proxy.rest.len()).min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(0);
+        let far = |v: &u32| proxy.rest[*v as usize].distance_squared(place);
+        let root = self.body.iter().min_by(|a, b| far(a).total_cmp(&far(b))).map_or(0, |&v| v as usize);
         let mut ways = vec![f64::INFINITY; proxy.rest.len()];
         // Lengths are not negative, so their bits are in their order.
         let mut queue = BinaryHeap::from([Reverse((0u64, root as u32))]);
@@ -151,6 +169,7 @@ mod tests {
                 segments.extend([place.segment; 3]);
                 if let Some(last) = last {
                     proxy.tets.push([last, first, first + 1, first + 2]);
+                    proxy.components.push(0);
                 }
                 last = Some(first);
             }
@@ -167,7 +186,13 @@ mod tests {
         let frame = fit::simulate(&Skeleton::of(&person.body), &seen, &[], &[]);
         let binding = bound(&person, &take(&person, &labels, &[frame], 0.3, 0.0), &Options::default()).unwrap();
         let (proxy, segments) = sticks(&binding);
+        // An eye, which no way leads to.
+        let (mut proxy, eye) = (proxy, segments.len() as u32);
+        proxy.rest.extend([DVec3::Y, DVec3::Y * 1.001, DVec3::Y + DVec3::X * 1e-3, DVec3::Y + DVec3::Z * 1e-3]);
+        proxy.tets.push([eye, eye + 1, eye + 2, eye + 3]);
+        proxy.components.push(1);
         let limbs = Limbs::of(&proxy, &binding, person.unit_box.diagonal, &[]).unwrap();
+        assert!(Segment::ALL.iter().all(|&s| limbs.suits(eye, s)));
         for (v, &segment) in segments.iter().enumerate() {
             let v = v as u32;
             if matches!(segment, Segment::LeftForearm | Segment::LeftHand) {

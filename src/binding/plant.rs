@@ -70,6 +70,8 @@ struct Foot {
     contact: Option<Contact>,
     /// What the ankle is moved by.
     shift: DVec3,
+    /// Whether what it rests on has carried it away.
+    carried: bool,
 }
 
 /// Holds the feet of a take, frame after frame.
@@ -129,7 +131,10 @@ impl Planter {
         if self.feet[side].contact.is_some_and(|c| Some(c.point) != point || held.is_none()) {
             self.end(side);
         }
-        if let Some(point) = point {
+        if self.feet[side].carried && point.is_some() {
+            // Until it rises.
+            self.let_go(leg, side);
+        } else if let Some(point) = point {
             let own = points[point];
             let shift = self.feet[side].shift;
             let contact = self.feet[side].contact.get_or_insert(Contact {
@@ -145,22 +150,34 @@ impl Planter {
             let from = contact.from;
             let level = wanted - self.up * wanted.dot(self.up);
             let far = level.length() > FARTHEST * self.stature;
-            self.feet[side].shift = if far { shift } else { level };
-            if far {
-                self.feet[side].contact = None;
-            }
-            let reached = self.reach(leg, side);
             let slid = self.level(own - from).length();
+            if far {
+                if let Some(contact) = &mut self.feet[side].contact {
+                    (contact.slid, contact.left) = (contact.slid.max(slid), contact.left.max(slid - shift.length()));
+                }
+                self.end(side);
+                self.feet[side].carried = true;
+                self.let_go(leg, side);
+                return;
+            }
+            self.feet[side].shift = level;
+            let reached = self.reach(leg, side);
             let left = (level - self.level(reached)).length();
             if let Some(contact) = &mut self.feet[side].contact {
                 (contact.slid, contact.left) = (contact.slid.max(slid), contact.left.max(left));
             }
         } else {
-            let step = FARTHEST * self.stature / (RETURN * self.rate).max(1.0);
-            let shift = self.feet[side].shift;
-            self.feet[side].shift = if shift.length() <= step { DVec3::ZERO } else { shift - shift.normalize() * step };
-            self.reach(leg, side);
+            self.feet[side].carried = false;
+            self.let_go(leg, side);
         }
+    }
+
+    /// Brings a leg that is not held back to its own way.
+    fn let_go(&mut self, leg: &mut Leg, side: usize) {
+        let step = FARTHEST * self.stature / (RETURN * self.rate).max(1.0);
+        let shift = self.feet[side].shift;
+        self.feet[side].shift = if shift.length() <= step { DVec3::ZERO } else { shift - shift.normalize() * step };
+        self.reach(leg, side);
     }
 
     fn end(&mut self, side: usize) {
@@ -199,7 +216,11 @@ impl Leg {
     fn bend_to(&mut self, target: DVec3, forward: DVec3) {
         let (upper, lower) = ((self.knee - self.hip).length(), (self.ankle - self.knee).length());
         let way = target - self.hip;
-        let reach = way.length().clamp((upper - lower).abs() * 1.0005, (upper + lower) * STRETCHED);
+        let (least, most) = ((upper - lower).abs() / STRETCHED, (upper + lower) * STRETCHED);
+        if least.is_nan() || most.is_nan() || least >= most {
+            return;
+        }
+        let reach = way.length().clamp(least, most);
         let (Some(along), Some(old)) = (way.try_normalize(), (self.ankle - self.hip).try_normalize()) else { return };
         let turn = turn_between(old, along);
         let knee = turn * (self.knee - self.hip);
@@ -295,15 +316,20 @@ mod tests {
     fn what_carries_the_feet_is_no_floor() {
         let body = Skeleton::of(&person(0.7).body);
         let mut planter = Planter::new(&body, floor(&body), RATE);
-        for k in 0..100 {
-            let own = body.forward * (0.3 * k as f64 / RATE) * body.stature;
-            let mut leg = standing(&body);
-            (leg.ankle, leg.knee, leg.hip) = (leg.ankle + own, leg.knee + own, leg.hip + own);
-            let free = leg;
-            planter.plant(0, Some(&mut leg));
-            if k > 0 {
-                assert_eq!(leg, free, "frame {k}");
-            }
-        }
+        let mut run = |speed: f64| -> Vec<bool> {
+            let mut free = |k: usize| {
+                let own = body.forward * (speed * k as f64 / RATE) * body.stature;
+                let mut leg = standing(&body);
+                (leg.ankle, leg.knee, leg.hip) = (leg.ankle + own, leg.knee + own, leg.hip + own);
+                let alone = leg;
+                planter.plant(0, Some(&mut leg));
+                leg == alone
+            };
+            (0..200).map(&mut free).collect()
+        };
+        assert!(run(0.3)[1..].iter().all(|&free| free), "too fast to rest");
+        let slow = run(0.1);
+        assert!(!slow[40], "held at first");
+        assert!(slow[100..].iter().all(|&free| free), "carried away by more than {FARTHEST} of stature");
     }
 }

@@ -191,7 +191,7 @@ pub(super) fn bind_found(
         notes,
     };
     if matches!(take.capture.motion, Motion::Markers(_)) {
-        binding.frozen = Some(Frozen::of(&binding, take, body, found.frame, None, options.mirror));
+        binding.frozen = Some(Frozen::of(&binding, take, body, found.frame, None, options));
     }
     Ok(binding)
 }

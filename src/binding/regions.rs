@@ -36,7 +36,8 @@ impl Rules {
     pub fn of_body(binding: &Binding) -> Self {
         use Segment::*;
         let mut rules = Self::default();
-        let markers = |s: Segment| binding.handles.iter().filter(|h| h.segment == Some(s)).count();
+        let bound = &binding.handles[..binding.decisions.bound.min(binding.handles.len())];
+        let markers = |s: Segment| bound.iter().filter(|h| h.segment == Some(s)).count();
         let named = Segment::ALL.into_iter().any(|s| markers(s) > 0);
         if !named || binding.segments.is_empty() || binding.decisions.scan_height.is_none() {
             return rules;

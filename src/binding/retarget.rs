@@ -116,7 +116,8 @@ impl Retargeting<'_> {
         let legs = scan.leg() / actor.leg();
         let first = Pose { root: origins[Segment::Pelvis as usize], turns, shoulders: [DVec3::ZERO; 2] };
         let poses = chased(&actor, &held, track, placement, handles, &first, *start);
-        let root = poses.get(*start).map_or(first.root, |pose| pose.root);
+        // Of the reference frame and not of the take's own: takes of one session keep their places among each other.
+        let root = first.root;
         let on_scan = |pose: &Pose| Pose {
             root: pelvis + (pose.root - root) * legs,
             turns: pose.turns,

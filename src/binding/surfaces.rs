@@ -254,7 +254,7 @@ fn by_number(
         })
         .collect();
     let mut decisions = decisions(scan, body, take, options, frame);
-    decisions.align = if own_axes { Align::None } else { Align::Similarity };
+    decisions.align = if own_axes && options.align != Align::Similarity { Align::None } else { Align::Similarity };
     decisions.scale = factor / said;
     decisions.set = Some("the scan's own vertices");
     decisions.named = handles.len();

@@ -29,8 +29,9 @@ const UNLIKE: f64 = 0.06;
 /// nine that pass have 90 to 100 % of their segments right; factors from 1.2 to 1.4 hold one wrong in five.
 const CLEAR: f64 = 1.4;
 const GOOD: f64 = 0.025;
-/// Fewest markers that make a person.
+/// Fewest markers that make a person, and most that are told apart.
 const FEWEST: usize = 20;
+const MOST: usize = 200;
 /// Heights of markers as shares of stature: of the feet, and of the highest.
 const FEET: f64 = 0.10;
 const TOP: f64 = 0.97;
@@ -61,6 +62,9 @@ pub(super) fn tell(take: &Take<'_>, body: &Skeleton, tree: &TriangleTree, up: DV
     let most = frames.iter().map(|&f| count(f)).max().unwrap_or(0);
     if most < FEWEST {
         return Err(Untold(format!("{most} markers are too few to be told apart by their places")));
+    }
+    if most > MOST {
+        return Err(Untold(format!("{most} markers are too many to be told apart by their places")));
     }
     let mut starts: Vec<(f64, Start)> = frames
         .into_iter()

@@ -122,7 +122,9 @@ impl Setup {
         let Made { proxy, words: remarks, notes, joined, touching } = built?;
         console.station("proxy", &remarks);
         warn(console, &mut warnings, &notes);
-        rig.save(args, &scan, &binding)?;
+        let mut notes = Notes::default();
+        rig.save(args, &scan, &binding, &mut notes)?;
+        warn(console, &mut warnings, &notes);
         clock.lap("bind and proxy");
         if let Some(path) = &args.picture {
             let reference = reference.as_ref().unwrap_or(&capture);
@@ -277,6 +279,7 @@ impl Setup {
             "reference": args.ref_file.as_deref().map(name),
             "handles": args.handles.as_deref().map(name),
             "proxy": args.proxy.as_deref().map(name),
+            "rig": args.rig.as_deref().map(name),
         });
         let laps: serde_json::Map<String, Value> =
             self.clock.laps.iter().map(|(name, ms)| (name.replace(' ', "_"), json!((ms * 10.0).round() / 10.0))).collect();

@@ -138,7 +138,8 @@ pub struct Animate {
     /// that --save-rig wrote (TOML; the command line wins)
     #[arg(long, value_name = "FILE.toml", help_heading = "Placement")]
     pub rig: Option<PathBuf>,
-    /// Write all decisions of this run, to be edited and fed back with --rig for this and other takes of the same actor
+    /// Write the file of --rig with the decisions of this run on placement and markers or joints, to be edited and fed back for this and other takes of the
+    /// same actor
     #[arg(long, value_name = "FILE.toml", help_heading = "Placement")]
     pub save_rig: Option<PathBuf>,
     /// Size of the scan against the captured body, both in metres (1 = the same), instead of fitting it

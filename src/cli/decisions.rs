@@ -15,7 +15,9 @@ use std::ops::Range;
 use std::path::Path;
 
 pub(super) fn bind_line(args: &Animate, binding: &Binding) -> String {
-    let handles = binding.handles.len() + binding.turning.handles.len() - binding.decisions.bound;
+    // Handles at joints of sets of few markers are the binding's own.
+    let of_tables = binding.handles.iter().skip(binding.decisions.bound).filter(|h| h.known_as() == h.label).count();
+    let handles = of_tables + binding.turning.handles.len();
     match (is_table(&args.capture), handles) {
         (true, n) => format!("{}, fixed to the scan where they are in their first frames", words::plural(n, "handle")),
         (false, 0) => binding.decisions.bind_line(),
@@ -57,7 +59,7 @@ pub(super) fn capture_line(args: &Animate, capture: &Capture, binding: &Binding)
 
 fn capture_counts(capture: &Capture, binding: &Binding, table: bool) -> String {
     let (take, turning) = (capture.motion.points(), &binding.turning);
-    let points_of_tables = binding.handles.len() - binding.decisions.bound;
+    let points_of_tables = binding.handles.iter().skip(binding.decisions.bound).filter(|h| h.known_as() == h.label).count();
     let what = if table {
         words::plural(points_of_tables + turning.handles.len(), "handle")
     } else {

@@ -31,11 +31,15 @@ impl Rig {
 
     /// The static trial: that of the command line, or that of the file, beside it.
     pub(super) fn reference(&self, args: &Animate) -> Option<PathBuf> {
-        args.ref_file.clone().or_else(|| {
-            // What is frozen needs no second look at the trial.
-            let file = self.file.reference.file.as_ref().filter(|_| self.file.frozen.is_none())?;
-            Some(self.path.parent().unwrap_or(Path::new("")).join(file))
-        })
+        // What is frozen needs no second look at the trial.
+        if self.file.frozen.is_some() {
+            return None;
+        }
+        args.ref_file.clone().or_else(|| self.trial())
+    }
+
+    fn trial(&self) -> Option<PathBuf> {
+        Some(self.path.parent().unwrap_or(Path::new("")).join(self.file.reference.file.as_ref()?))
     }
 
     /// Adds to the rules what the file says of parts.
@@ -92,7 +96,10 @@ impl Rig {
             (args.flip, "--flip"),
             (args.mirror, "--mirror"),
             (args.swap_sides, "--swap-sides"),
-            (!self.file.landmarks.is_empty(), "[landmarks]"),
+            (args.scan_unit.is_some(), "--scan-unit"),
+            (args.scan_up.is_some(), "--scan-up"),
+            (args.capture_unit.is_some(), "--capture-unit"),
+            (args.capture_up.is_some(), "--capture-up"),
         ]
         .into_iter()
         .filter_map(|(given, word)| given.then_some(word))
@@ -126,11 +133,21 @@ impl Rig {
         })
     }
 
-    /// Writes the file of `--save-rig`: what was fed in, and what was decided.
-    pub(super) fn save(&self, args: &Animate, scan: &Scan, binding: &Binding) -> Result<()> {
+    /// Writes the file of `--save-rig`: what was fed in, and what was decided; says where that is nothing.
+    pub(super) fn save(&self, args: &Animate, scan: &Scan, binding: &Binding, notes: &mut Notes) -> Result<()> {
         let Some(path) = &args.save_rig else { return Ok(()) };
         let frozen = binding.frozen.clone().map(|frozen| frozen.for_scan(&scan.mesh));
-        let text = RigFile { frozen, ..self.file.clone() }.to_text();
+        if frozen.is_none() {
+            notes.warn("the rig file holds no decisions: what lies in the scan already has none to keep");
+        }
+        let mut rig = RigFile { frozen, ..self.file.clone() };
+        // Beside another file a relative path leads elsewhere.
+        if self.path.parent() != path.parent()
+            && let Some(trial) = self.trial()
+        {
+            rig.reference.file = Some(std::path::absolute(&trial).unwrap_or(trial));
+        }
+        let text = rig.to_text()?;
         let mut file = Pending::create(path)?;
         file.write(text.as_bytes())?;
         file.finish()?;

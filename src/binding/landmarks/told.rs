@@ -74,6 +74,9 @@ fn made(places: &BTreeMap<Joint, DVec3>, points: &[DVec3]) -> Result<Body, Vec<S
     let forward = left.cross(up).try_normalize().ok_or_else(|| vec!["hips beside each other".to_owned()])?;
     let lowest = points.iter().map(|p| p.dot(up)).fold(f64::INFINITY, f64::min);
     let stature = at(Crown).dot(up) - lowest;
+    if stature.is_nan() || stature <= 0.0 {
+        return Err(vec!["a crown above the feet".to_owned()]);
+    }
     let mut joints = [DVec3::ZERO; Joint::COUNT];
     for joint in NEEDED {
         joints[joint as usize] = at(joint);

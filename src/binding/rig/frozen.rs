@@ -29,8 +29,10 @@ type Turn = [f64; 4];
 #[serde(deny_unknown_fields)]
 pub struct Frozen {
     scan: Print,
-    /// Name of the capture that it was made from.
+    /// Name of the capture that it was made from, its file, and how many frames it has.
     capture: String,
+    file: String,
+    frames: usize,
     align: Align,
     #[serde(default, skip_serializing_if = "super::is_default")]
     on_skin: bool,
@@ -117,6 +119,8 @@ struct Placement {
     translation: Triple,
     #[serde(default, skip_serializing_if = "super::is_default")]
     mirror: bool,
+    #[serde(default, skip_serializing_if = "super::is_default")]
+    swap_sides: bool,
 }
 
 /// The scan's body, as [`Body`].
@@ -190,7 +194,7 @@ impl Frozen {
         body: Option<&Body>,
         start: usize,
         retargeted: Option<(&Retargeting<'_>, &[Seen])>,
-        mirror: bool,
+        options: &Options,
     ) -> Self {
         let placement = retargeted.map_or(binding.placement, |(r, _)| r.placement);
         let markers = binding.handles.iter().enumerate().take(binding.decisions.bound).map(|(i, handle)| {
@@ -206,7 +210,7 @@ impl Frozen {
             }
         });
         Self {
-            placement: Placement::of(&placement, mirror),
+            placement: Placement::of(&placement, options),
             actor: retargeted.map(|(r, _)| FrozenActor {
                 size: r.fit.size,
                 ratios: r.fit.ratios.to_vec(),
@@ -226,11 +230,11 @@ impl Frozen {
         body: &Body,
         start: usize,
         joints: FrozenJoints,
-        mirror: bool,
+        options: &Options,
     ) -> Self {
         Self {
             joints: Some(joints),
-            placement: Placement::of(&Similarity::IDENTITY, mirror),
+            placement: Placement::of(&Similarity::IDENTITY, options),
             ..Self::of_decisions(decisions, capture, Some(body), start)
         }
     }
@@ -239,6 +243,8 @@ impl Frozen {
         Self {
             scan: Print { vertices: 0, hash: String::new() },
             capture: capture.name.clone(),
+            file: stem(capture),
+            frames: capture.motion.points().frames(),
             align: d.align,
             on_skin: d.on_skin,
             reference_frame: d.reference_frame,
@@ -252,7 +258,7 @@ impl Frozen {
             capture_up: d.capture_up.map(|u| Written(u.value)),
             actor_height: d.actor_height,
             residual: d.residual.map(|(median, p90)| [median, p90]),
-            placement: Placement::of(&Similarity::IDENTITY, false),
+            placement: Placement::of(&Similarity::IDENTITY, &Options::default()),
             body: body.map(FrozenBody::of),
             actor: None,
             joints: None,
@@ -268,6 +274,11 @@ impl Frozen {
     /// Whether the capture's axes are mirrored.
     pub(in crate::binding) fn mirror(&self) -> bool {
         self.placement.mirror
+    }
+
+    /// Whether left and right of its labels are exchanged.
+    pub(in crate::binding) fn swap_sides(&self) -> bool {
+        self.placement.swap_sides
     }
 
     /// Says where the scan is not the one that the decisions are for.
@@ -293,7 +304,7 @@ impl Frozen {
             reference_range: (self.reference_range[0], self.reference_range[1]),
             reference_capture: match &self.reference_capture {
                 Some(name) => Some(name.clone()),
-                None => (self.capture != capture.name).then(|| self.capture.clone()),
+                None => (!self.is_of(capture)).then(|| self.file.clone()),
             },
             reference_rest: self.joints.as_ref().is_some_and(|j| j.rest),
             scale: self.scale,
@@ -332,6 +343,7 @@ impl Frozen {
     pub(super) fn check(&self) -> Result<()> {
         let wrong =
             |what: &str, expected: &str| Err(Error::malformed(what.to_owned()).at("[frozen]").expected(expected.to_owned()));
+        let is_unit = |v: Triple| (DVec3::from(v).length() - 1.0).abs() < 1e-6;
         let finite = |values: &[f64]| values.iter().all(|x| x.is_finite());
         let unit = |turn: &Turn| finite(turn) && (DQuat::from_array(*turn).length() - 1.0).abs() < 1e-6;
         if !(self.placement.scale.is_finite() && self.placement.scale > 0.0 && self.scale.is_finite() && self.yaw.is_finite()) {
@@ -343,8 +355,11 @@ impl Frozen {
         if let Some(body) = &self.body
             && (body.joints.len() != Joint::COUNT
                 || !body.joints.values().all(|p| finite(p))
-                || !finite(&body.up)
-                || !finite(&body.forward)
+                || !is_unit(body.up)
+                || !is_unit(body.forward)
+                || !finite(&[body.facing_ratio.min(0.0), body.margin, body.cost])
+                || !finite(&body.arm_elevation)
+                || body.floor.as_ref().is_some_and(|f| !is_unit(f.up) || !f.height.is_finite())
                 || !(body.stature > 0.0 && body.stature.is_finite()))
         {
             return wrong("the body lacks joints or has unusable numbers", "all joints, as a run writes them");
@@ -433,7 +448,7 @@ impl Frozen {
             notes.warn(format!("{} of the rig file's markers are not in the capture: {}", missing.len(), missing.join(", ")));
         }
         for label in labels.iter().filter(|label| !self.markers.iter().any(|m| m.label == **label)) {
-            unbound.push((label.clone(), "not in the rig file".to_owned()));
+            unbound.push((label.clone(), "not in [frozen] of the rig file".to_owned()));
         }
         if handles.is_empty() {
             return Err(Error::refused("the capture has none of the rig file's markers")
@@ -458,7 +473,7 @@ impl Frozen {
         let mut trajectories = None;
         if let (Some(fit), Some(actor), Some(skeleton)) = (&fit, &self.actor, &skeleton) {
             let clavicles = actor.clavicles.map(DVec3::from);
-            let start = self.start_in(scan, take, skeleton)?;
+            let start = self.start_in(scan, take, &track, skeleton);
             let retargeting = Retargeting {
                 body: skeleton,
                 fit,
@@ -509,14 +524,19 @@ impl Frozen {
         })
     }
 
+    /// Whether it was made from this capture.
+    fn is_of(&self, capture: &Capture) -> bool {
+        self.capture == capture.name && self.file == stem(capture) && self.frames == capture.motion.points().frames()
+    }
+
     /// The frame from which the poses go out: the one that was frozen, or that of another take which is nearest to the scan's pose.
-    fn start_in(&self, scan: &ScanShape<'_>, take: &Take<'_>, skeleton: &Skeleton) -> Result<usize> {
+    fn start_in(&self, scan: &ScanShape<'_>, take: &Take<'_>, track: &Track<'_>, skeleton: &Skeleton) -> usize {
         let frames = take.track.take.frames();
-        let frozen = usize::try_from(self.start - take.capture.first_frame).ok().filter(|&frame| frame < frames);
-        if take.capture.name == self.capture
-            && let Some(frame) = frozen
+        let frozen = self.start.checked_sub(take.capture.first_frame).and_then(|f| usize::try_from(f).ok());
+        if self.is_of(take.capture)
+            && let Some(frame) = frozen.filter(|&frame| frame < frames)
         {
-            return Ok(frame);
+            return frame;
         }
         let landed: Vec<reference::Landed> = take
             .names
@@ -529,25 +549,31 @@ impl Frozen {
             .collect();
         let up = DQuat::from_array(self.placement.rotation).inverse() * skeleton.up;
         let auto = Options { reference: Reference::Auto, ..Options::default() };
-        let found = reference::candidates(take.capture, &take.track, up, skeleton, &landed, Held::default(), &auto);
-        Ok(found.map_or(0, |candidates| candidates[0].frame))
+        let found = reference::candidates(take.capture, track, up, skeleton, &landed, Held::default(), &auto);
+        found.map_or(0, |candidates| candidates[0].frame)
     }
 }
 
+/// The file of a capture without folder and ending.
+fn stem(capture: &Capture) -> String {
+    capture.source.file_stem().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
+}
+
 impl Placement {
-    fn of(placement: &Similarity, mirror: bool) -> Self {
+    fn of(placement: &Similarity, options: &Options) -> Self {
         Self {
             scale: placement.scale,
             rotation: placement.rotation.to_array(),
             translation: placement.translation.to_array(),
-            mirror,
+            mirror: options.mirror,
+            swap_sides: options.swap_sides,
         }
     }
 }
 
 impl Print {
     fn of(mesh: &SurfaceMesh) -> Self {
-        // FNV-1a over the bits of the coordinates: the same on every machine.
+        // Over the bits of the coordinates: the same on every machine.
         let hash =
             mesh.positions.iter().flat_map(|p| p.to_array()).fold(0xcbf2_9ce4_8422_2325_u64, |hash, x| {
                 (hash ^ x.to_bits()).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(17)

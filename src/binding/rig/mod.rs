@@ -32,6 +32,8 @@ use crate::space::{Axis, Unit};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::fmt::Display;
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -139,13 +141,13 @@ impl RigFile {
     /// # Errors
     /// Files that cannot be read; TOML and values that are wrong, with line and column and, of unknown keys, the nearest known one.
     pub fn read(path: &Path) -> Result<Self> {
-        let length = std::fs::metadata(path).map_err(|e| Error::unreadable(path, &e))?.len();
-        if length > MOST {
-            return Err(Error::malformed(format!("{length} bytes")).file(path).expected("a rig file, at most 16 MB of TOML"));
+        let mut text = String::new();
+        let file = File::open(path).map_err(|e| Error::unreadable(path, &e))?;
+        file.take(MOST + 1).read_to_string(&mut text).map_err(|e| Error::unreadable(path, &e))?;
+        if text.len() as u64 > MOST {
+            return Err(Error::malformed("more than 16 MB").file(path).expected("a rig file: TOML, at most 16 MB"));
         }
-        let text = std::fs::read_to_string(path).map_err(|e| Error::unreadable(path, &e))?;
-        let rig = Self::parse(&text).map_err(|e| e.file(path))?;
-        Ok(rig)
+        Self::parse(&text).map_err(|e| e.file(path))
     }
 
     fn parse(text: &str) -> Result<Self> {
@@ -172,9 +174,12 @@ impl RigFile {
     }
 
     /// The text of the file.
-    pub fn to_text(&self) -> String {
-        let text = toml::to_string(self).unwrap_or_default();
-        format!("# Rig file of retarget: what was decided, to be edited and fed back with --rig.\n{text}")
+    ///
+    /// # Errors
+    /// A value that TOML does not know.
+    pub fn to_text(&self) -> Result<String> {
+        let text = toml::to_string(self).map_err(|e| Error::malformed(format!("the rig file cannot be put into words: {e}")))?;
+        Ok(format!("# Rig file of retarget: what was decided, to be edited and fed back with --rig.\n{text}"))
     }
 }
 

@@ -160,7 +160,7 @@ pub(super) fn bind(
         strain: None,
         feet,
     };
-    let frozen = Frozen::of_joints(&decisions, capture, body, frame, kept, options.mirror);
+    let frozen = Frozen::of_joints(&decisions, capture, body, frame, kept, options);
     Ok(Binding {
         placement: Similarity::IDENTITY,
         handles,
