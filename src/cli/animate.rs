@@ -4,7 +4,7 @@ use super::args::Animate;
 use super::console::Console;
 use super::decisions::{
     bind_line, binding_details, binding_json, capture_line, cut, done_line, file_name, oriented_json, outcome_warnings,
-    scan_line, solve_line, unbound,
+    repair_details, repairs_json, scan_line, solve_line, unbound,
 };
 use super::outputs;
 use super::picture::{self, Bound};
@@ -66,6 +66,8 @@ struct Setup {
     regions: Regions,
     deformer: Volumetric,
     clock: Clock,
+    /// What was repaired in the capture.
+    repairs: Value,
     warnings: Vec<String>,
     start: Instant,
 }
@@ -108,7 +110,7 @@ impl Setup {
         warn(console, &mut warnings, &binding.notes);
         warn(console, &mut warnings, &unbound(&binding));
         warn(console, &mut warnings, &grips::missing(&binding.turning, &holdings(args), range.clone()));
-        binding_details(&binding).iter().for_each(|line| console.detail(line));
+        repair_details(&capture).iter().chain(&binding_details(&binding)).for_each(|line| console.detail(line));
         let (proxy, remarks, notes, joined) = built?;
         console.station("proxy", &remarks);
         warn(console, &mut warnings, &notes);
@@ -122,6 +124,8 @@ impl Setup {
             console.station("picture", &path.display().to_string());
             clock.lap("picture");
         }
+        // In the frames of the file, whatever --fps makes of them.
+        let repairs = repairs_json(&capture);
         let range = resample(args, &mut capture, &mut binding, range)?;
         cancel.check()?;
 
@@ -175,6 +179,7 @@ impl Setup {
             regions,
             deformer,
             clock,
+            repairs,
             warnings,
             start,
         })
@@ -271,7 +276,7 @@ impl Setup {
             self.clock.laps.iter().map(|(name, ms)| (name.replace(' ', "_"), json!((ms * 10.0).round() / 10.0))).collect();
         let decisions = json!({
             "scan": { "vertices": self.scan.mesh.positions.len(), "faces": self.scan.mesh.faces.len(), "diagonal": self.unit_box.diagonal },
-            "capture": { "name": self.capture.name, "rate": self.capture.rate, "first_frame": self.capture.first_frame, "summary": self.capture.summary() },
+            "capture": { "name": self.capture.name, "rate": self.capture.rate, "first_frame": self.capture.first_frame, "summary": self.capture.summary(), "repairs": self.repairs },
             "parts": self.regions.counts.iter().map(|(what, stiffness, tets)| json!({ "what": what, "stiffness": stiffness, "tetrahedra": tets })).collect::<Vec<_>>(),
             "binding": binding_json(&self.binding, self.unit_box),
             "oriented_handles": self.oriented.iter().map(|h| oriented_json(h, self.unit_box)).collect::<Vec<_>>(),
