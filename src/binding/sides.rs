@@ -9,8 +9,8 @@ use glam::DVec3;
 const SAMPLES: usize = 60;
 /// Fewest other pairs that tell which side is left.
 const OTHERS: usize = 3;
-/// Cosine, over the frames, between a pair and the others: exchanged below minus this, and as it should be above. Of 26 real takes the least
-/// that a pair of the trunk reaches is 0.7.
+/// Mean cosine between a pair and the others: exchanged below minus this, and as it should be above. In none of 30 real takes is a pair taken for
+/// exchanged that is not, and 94 % of those that are exchanged on purpose are found.
 const TELLS: f64 = 0.3;
 /// An exchanged pair of a limb is nearer to the other side's markers of that limb, by this factor: limbs may cross.
 const NEARER: f64 = 0.85;
@@ -82,7 +82,7 @@ fn limb(part: Part) -> Option<&'static [Part]> {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
+#[allow(clippy::print_stderr, clippy::unwrap_used)]
 mod tests {
     use super::*;
     use crate::binding::segments::Skeleton;
@@ -135,6 +135,10 @@ mod tests {
             let track = Track { take, mirror: false };
             let names = labels::name(&take.labels, &track.coverage(), false);
             let sided: Vec<(usize, Place)> = names.iter().map(|(m, p)| (m, p.clone())).collect();
+            // With fewer pairs there are not enough others to tell.
+            if sided.iter().filter(|(_, p)| p.side == Side::Left).count() <= OTHERS {
+                continue;
+            }
             let mut missed = Vec::new();
             for (a, place) in sided.iter().filter(|(_, p)| p.side == Side::Left) {
                 let mate = |(_, q): &&(usize, Place)| q.side == Side::Right && q.landmark == place.landmark;

@@ -518,7 +518,7 @@ mod tests {
         }
         let (_, cleaning, _) = run(&mut take);
         assert_eq!((cleaning.jumps, cleaning.strays, cleaning.filled, cleaning.left), (1, 0, 1, 0));
-        let frames = (101 + 96, 101 + 105);
+        let frames = (101 + 96, 101 + 106);
         let how = |how| Repair { marker: "e".into(), frames, how };
         assert_eq!(cleaning.repairs, [how(How::Jump), how(How::Filled(4))]);
         assert!((take.points[100 * 10 + 4][1] - truth[1]).abs() < 20.0);
@@ -535,7 +535,7 @@ mod tests {
         let (_, cleaning, notes) = run(&mut take);
         assert_eq!((cleaning.filled, cleaning.left), (0, 1));
         assert_eq!(cleaning.repairs, [Repair { marker: "e".into(), frames: (201, 400), how: How::Released }]);
-        assert_eq!(cleaning.repairs[0].words(100.0, 101), "e released for 2.00 s at 1.0 s (frame 201)");
+        assert_eq!(cleaning.repairs[0].words(100.0, 101), "e released for 2 s at 1.0 s (frame 201)");
         let said: Vec<&str> = notes.iter().collect();
         assert!(said.contains(&"1 marker is missing for more than a fifth of the take: e 25 %"), "{said:?}");
     }

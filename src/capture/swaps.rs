@@ -63,9 +63,9 @@ pub(super) fn mend(take: &mut MarkerTake, common: &[DVec3], rate: f64, size: f64
                 }
             }
         }
-        for m in 0..markers {
+        for (m, last) in last.iter_mut().enumerate() {
             if let Some(p) = take.point(f, m) {
-                last[m] = Some((f, p));
+                *last = Some((f, p));
             }
         }
     }

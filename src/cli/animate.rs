@@ -7,7 +7,7 @@ use super::decisions::{
     repair_details, repairs_json, scan_line, solve_line, unbound,
 };
 use super::outputs;
-use super::picture::{self, Bound};
+use super::picture::{self, Bound, Unbound};
 use super::rig::Rig;
 use crate::binding::regions::Subject;
 use crate::binding::select::Hold;
@@ -96,7 +96,13 @@ impl Setup {
             || body(args, &scan, unit_box, &points, &triangles, cancel),
             || bind(args, &scan, unit_box, &points, &triangles, &mut captures, &rig),
         );
-        let mut binding = bound?;
+        let mut binding = match bound {
+            Err(error) if matches!(error.kind, Kind::Refused | Kind::Ambiguous) && args.picture.is_some() => {
+                show_unbound(args, console, &scan, &points, &triangles, &captures.capture)?;
+                return Err(error);
+            }
+            bound => bound?,
+        };
         let (mut capture, reference) = (captures.capture, captures.reference);
         console.station("scan", &scan_line(args, &scan, &binding));
         console.station("capture", &capture_line(args, &capture, &binding));
@@ -118,9 +124,10 @@ impl Setup {
         clock.lap("bind and proxy");
         if let Some(path) = &args.picture {
             let reference = reference.as_ref().unwrap_or(&capture);
-            let bound =
-                Bound { scan: &scan, points: &points, triangles: &triangles, binding: &binding, reference, joined: &joined };
-            picture::write(path, args, &bound)?;
+            let heading = vec![of_files(args), bind_line(args, &binding)];
+            let (points, triangles) = (&points, &triangles);
+            let bound = Bound { heading, scan: &scan, points, triangles, binding: &binding, reference, joined: &joined };
+            picture::write(path, &picture::bound(&bound))?;
             console.station("picture", &path.display().to_string());
             clock.lap("picture");
         }
@@ -284,6 +291,31 @@ impl Setup {
         });
         vec![("inputs", inputs), ("decisions", decisions), ("setup_ms", Value::Object(laps))]
     }
+}
+
+/// `scan.obj · walk.c3d`.
+fn of_files(args: &Animate) -> String {
+    format!("{} \u{b7} {}", file_name(&args.scan), file_name(&args.capture))
+}
+
+/// Draws what there is to bind, where it could not be: what a person needs to name the markers in a rig file.
+fn show_unbound(
+    args: &Animate,
+    console: &Console,
+    scan: &Scan,
+    points: &[DVec3],
+    triangles: &[[u32; 3]],
+    capture: &Capture,
+) -> Result<()> {
+    let Some(path) = &args.picture else { return Ok(()) };
+    let body = landmarks::find(points, triangles).ok();
+    let heading = vec![of_files(args), "not bound".to_owned()];
+    let unbound = Unbound { heading, scan, points, triangles, body: body.as_ref() };
+    let up = args.capture_up.or(binding::actor_space(capture).space.up.map(|up| up.value));
+    let up = up.map_or(DVec3::Z, |up| up.vector());
+    picture::write(path, &picture::not_bound(unbound, capture, up))?;
+    console.station("picture", &path.display().to_string());
+    Ok(())
 }
 
 /// Milliseconds of the parts of the set-up.
