@@ -210,7 +210,8 @@ impl Neighbours {
         cuts.windows(2).map(|cut| cut[0]..cut[1]).filter(|part| self.present.has(part.start, marker)).collect()
     }
 
-    /// Whether the neighbours carry a marker from the first part to the last one, but neither into nor out of what lies between.
+    /// Whether a marker leaves its neighbours where the parts between begin, and is back where they end: they carry it from the first part to
+    /// the last one, or the two steps cancel, seen from the room or from the neighbours.
     fn differs(&self, take: &MarkerTake, marker: usize, parts: &[Range<usize>], rate: f64) -> bool {
         let (before, start) = (parts[0].end - 1, parts[1].start);
         let (end, after) = (parts[parts.len() - 2].end - 1, parts[parts.len() - 1].start);
@@ -218,12 +219,18 @@ impl Neighbours {
         if start - before > beside || after - end > beside {
             return false;
         }
-        let apart = |from, to| self.apart(take, marker, from, to);
-        let (Some(into), Some(out), Some(across)) = (apart(before, start), apart(end, after), apart(before, after)) else {
-            return false;
+        let step = |from: usize, to: usize| {
+            Some(at(take, to, marker) - self.motion(take, marker, from, to)?.apply(at(take, from, marker)))
         };
-        let least = into.min(out);
-        least > OFF * self.size && across < 0.5 * least
+        let (Some(into), Some(out)) = (step(before, start), step(end, after)) else { return false };
+        let least = into.length().min(out.length());
+        if least <= OFF * self.size {
+            return false;
+        }
+        let here = at(take, start, marker);
+        let turned = self.motion(take, marker, start, end).map(|motion| motion.apply(here + into) - motion.apply(here));
+        step(before, after).is_some_and(|across| across.length() < 0.5 * least)
+            || [Some(into), turned].into_iter().flatten().any(|into| (into + out).length() < 0.5 * least)
     }
 
     /// Whether a marker is elsewhere in a part of the take than its neighbours carry it in the rest.
@@ -358,6 +365,23 @@ mod tests {
         let mut soft = tumbling(400);
         shift(&mut soft, 1, 150..210, 18.0);
         assert_eq!(wrong(&soft, RATE, SIZE), []);
+    }
+
+    #[test]
+    fn a_ghost_of_a_marker_that_sways_anyway_is_found_by_its_steps() {
+        let swaying = || {
+            let mut take = tumbling(400);
+            (0..400).for_each(|f| shift(&mut take, 1, f..f + 1, 30.0 * (0.01 * f as f32).sin()));
+            take
+        };
+        assert_eq!(wrong(&swaying(), RATE, SIZE), []);
+        let mut take = swaying();
+        shift(&mut take, 1, 150..210, 60.0);
+        assert_eq!(wrong(&take, RATE, SIZE), [(1, 150..210)]);
+        // Once out and not back is another pose.
+        let mut take = swaying();
+        shift(&mut take, 1, 280..400, 60.0);
+        assert_eq!(wrong(&take, RATE, SIZE), []);
     }
 
     #[test]

@@ -61,12 +61,17 @@ pub(super) fn write(path: &Path, picture: &Picture) -> Result<()> {
 
 /// The scan with the landmarks of the person in it.
 pub(super) fn landmarks(unbound: Unbound<'_>) -> Picture {
+    from_sides(unbound, 4)
+}
+
+/// The first so many views of [`landmarks`].
+fn from_sides(unbound: Unbound<'_>, sides: usize) -> Picture {
     let space = &unbound.scan.space;
     let up = unbound.body.map(|b| b.up).or(space.up.map(|up| up.value.vector()));
     let forward = unbound.body.map(|b| b.forward).or(space.forward.map(|f| f.value));
     let mut sheet = Sheet {
         surfaces: vec![Surface { points: unbound.points, triangles: unbound.triangles, colors: Colors::Plain }],
-        views: views(up, forward),
+        views: views(up, forward).into_iter().take(sides).collect(),
         heading: unbound.heading,
         ..Sheet::default()
     };
@@ -95,14 +100,16 @@ pub(super) fn landmarks(unbound: Unbound<'_>) -> Picture {
     picture::draw(&sheet)
 }
 
-/// The same, and beside it the markers of the first frame that shows most of them, with their numbers and names. `up`: in the capture.
+/// The same from two sides, and beside it the markers of the first frame that shows most of them, with their numbers and names. `up`: in the capture.
 pub(super) fn not_bound(unbound: Unbound<'_>, capture: &Capture, up: DVec3) -> Picture {
     let take = capture.motion.points();
     let seen = |frame: usize| (0..take.markers()).filter(|&m| take.point(frame, m).is_some()).count();
     // The first of the best.
     let frame = (0..take.frames()).rev().max_by_key(|&f| seen(f)).unwrap_or(0);
     let level = up.any_orthonormal_vector();
-    let sides = [level, up.cross(level)].map(|toward| View { title: format!("from {}", Axis::nearest(toward)), toward, up });
+    // The letters have no minus sign but the hyphen.
+    let title = |toward| format!("from {}", Axis::nearest(toward)).replace('\u{2212}', "-");
+    let sides = [level, up.cross(level)].map(|toward| View { title: title(toward), toward, up });
     let mut sheet = Sheet { views: sides.into(), heading: vec![String::new(); unbound.heading.len()], ..Sheet::default() };
     let common = common_prefix(take.labels.iter().map(String::as_str));
     for (m, label) in take.labels.iter().enumerate() {
@@ -113,7 +120,7 @@ pub(super) fn not_bound(unbound: Unbound<'_>, capture: &Capture, up: DVec3) -> P
     }
     let number = capture.first_frame + frame as i64;
     sheet.legend.push((Shape::Ring, MIDDLE, format!("marker in frame {number}: number and label")));
-    landmarks(unbound).beside(&picture::draw(&sheet))
+    from_sides(unbound, 2).beside(&picture::draw(&sheet))
 }
 
 /// Lines between landmarks.
