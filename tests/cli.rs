@@ -237,6 +237,94 @@ fn the_picture_shows_body_and_markers_and_is_the_same_for_any_number_of_threads(
     assert_eq!(twice.status.code(), Some(2), "{}", said(&twice));
 }
 
+/// The fixture's markers as a TRC file, changed.
+fn changed_markers(path: &Path, change: impl Fn(&mut retarget::capture::MarkerTake)) {
+    let capture = retarget::capture::read(&fixture("walk.c3d"), &retarget::capture::ReadOptions::default()).unwrap();
+    let mut take = capture.motion.points().clone();
+    change(&mut take);
+    let (frames, markers, labels) = (take.frames(), take.markers(), take.labels.join("\t\t\t"));
+    let mut text = format!(
+        "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\n{0}\t{0}\t{frames}\t{markers}\tmm\nFrame#\tTime\t{labels}\n\t\n\n",
+        capture.rate
+    );
+    for f in 0..frames {
+        text += &format!("{}\t{:.4}", f + 1, f as f64 / capture.rate);
+        for m in 0..markers {
+            text += &take.point(f, m).map_or("\t\t\t".to_owned(), |p| format!("\t{:.3}\t{:.3}\t{:.3}", p.x, p.y, p.z));
+        }
+        text.push('\n');
+    }
+    std::fs::write(path, text).unwrap();
+}
+
+#[test]
+fn repairs_of_the_capture_are_counted_named_and_reported() {
+    let work = tempfile::tempdir().unwrap();
+    let take = work.path().join("faulty.trc");
+    changed_markers(&take, |take| {
+        let column = take.labels.iter().position(|l| l.ends_with("LKNE")).unwrap();
+        for f in 40..90 {
+            take.points[f * take.labels.len() + column][2] += 150.0;
+        }
+    });
+    let scan = fixture("scan.obj");
+    let run = |more: &[&str]| {
+        let mut arguments: Vec<String> = [&scan, &take].map(|p| p.to_string_lossy().into_owned()).to_vec();
+        arguments.extend(["--frames", "1..2"].iter().chain(more).map(|s| (*s).to_owned()));
+        retarget_ok(work.path(), arguments)
+    };
+    let text = run(&["-o", "a.pc2", "--report", "r.json", "--verbose"]);
+    assert!(text.contains("gap filled") && text.contains("LKNE filled "), "{text}");
+    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(work.path().join("r.json")).unwrap()).unwrap();
+    let repairs = report["decisions"]["capture"]["repairs"].as_array().unwrap();
+    let how: Vec<&str> = repairs.iter().map(|r| r["how"].as_str().unwrap()).collect();
+    assert_eq!(how.last(), Some(&"filled"), "{repairs:?}");
+    let covers = |r: &serde_json::Value| r["first_frame"].as_i64() <= Some(41) && r["last_frame"].as_i64() >= Some(90);
+    let filled = repairs.iter().find(|r| r["how"] == "filled" && covers(r)).expect("the whole stretch is filled");
+    assert!(filled["marker"].as_str().unwrap().ends_with("LKNE") && filled["neighbours"].as_u64() >= Some(3), "{filled}");
+    assert!(how.iter().any(|h| ["stray", "jump"].contains(h)), "{repairs:?}");
+    let quiet = run(&["-o", "b.pc2"]);
+    assert!(!quiet.contains("LKNE filled "), "names are for --verbose: {quiet}");
+}
+
+#[test]
+fn inspect_draws_what_is_bound_and_what_cannot_be() {
+    let work = tempfile::tempdir().unwrap();
+    let nameless = work.path().join("nameless.trc");
+    changed_markers(&nameless, |take| {
+        // Too few to be told by their places.
+        let markers = take.labels.len();
+        take.points = take.points.chunks_exact(markers).flat_map(|frame| frame[..12].to_vec()).collect();
+        take.labels = (0..12).map(|m| format!("M{m:03}x")).collect();
+    });
+    let [scan, walk] = pair();
+    let nameless = nameless.to_string_lossy().into_owned();
+    let draw = |name: &str, files: &[&str]| {
+        let output = retarget(work.path(), [&["inspect", "--picture", name], files].concat());
+        (output.status.code(), said(&output), std::fs::read(work.path().join(name)).ok())
+    };
+    let size = |bytes: &[u8]| {
+        let reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
+        (reader.info().width, reader.info().height)
+    };
+    let (code, _, alone) = draw("alone.png", &[&scan]);
+    assert_eq!(code, Some(0));
+    let (code, _, bound) = draw("bound.png", &[&scan, &walk]);
+    assert_eq!(code, Some(0));
+    let (code, text, refused) = draw("refused.png", &[&scan, &nameless]);
+    assert_eq!(code, Some(3), "{text}");
+    let [alone, bound, refused] = [alone, bound, refused].map(Option::unwrap);
+    assert!(alone != bound && size(&bound).0 > 1200);
+    assert!(size(&refused).0 > size(&alone).0 + 400, "the markers stand beside the scan");
+    assert!(draw("alone.png", &[&scan]).1.contains("--force"));
+    assert_eq!(draw("none.png", &[&walk]).0, Some(2));
+
+    // The main job refuses the same, and draws the same.
+    let output = retarget(work.path(), [&*scan, &nameless, "-o", "a.pc2", "--picture", "b.png"]);
+    assert_eq!(output.status.code(), Some(3), "{}", said(&output));
+    assert!(refused == std::fs::read(work.path().join("b.png")).unwrap() && !work.path().join("a.pc2").exists());
+}
+
 const ASF: &str = ":version 1.10\n:name LEG\n:units\n length 0.45\n angle deg\n:root\n order TX TY TZ RX RY RZ\n axis XYZ\n position 0 0 0\n orientation 0 0 0\n\
     :bonedata\nbegin\n name femur\n direction 0 -2 0\n length 4\n axis 0 0 30 XYZ\n dof rx ry rz\nend\n:hierarchy\nbegin\nroot femur\nend\n";
 

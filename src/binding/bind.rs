@@ -12,7 +12,7 @@ use super::similarity::{Held, Similarity, upright};
 use super::track::Track;
 use super::{
     Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, Turning, checks, clusters, places, raw,
-    refuse, skeletons, skin, surfaces, unlabelled,
+    refuse, sides, skeletons, skin, surfaces, unlabelled,
 };
 use crate::capture::{Capture, Motion};
 use crate::error::{Error, Kind, Notes, Result};
@@ -121,10 +121,12 @@ pub fn bind(
     }
     let skeleton = Skeleton::of(&body);
     take.correct(options, Some(&skeleton));
+    take.exchange_sides(options);
     if !checks::are_told(&take) && matches!(capture.motion, Motion::Markers(_)) {
         match tell(scan, &skeleton, &take, options) {
             Ok((names, remark)) => {
-                (take.names, take.remark) = (names, Some(remark));
+                take.names = names;
+                take.remarks.push(remark);
                 take.correct(options, Some(&skeleton));
             }
             // What lies on the scan needs no names.
@@ -179,8 +181,8 @@ pub(super) struct Take<'a> {
     pub capture: &'a Capture,
     pub track: Track<'a>,
     pub names: Names,
-    /// How the markers were told where their labels say nothing.
-    pub remark: Option<String>,
+    /// How markers were told where their labels say nothing or are wrong.
+    pub remarks: Vec<String>,
 }
 
 impl<'a> Take<'a> {
@@ -188,7 +190,7 @@ impl<'a> Take<'a> {
         let take = capture.motion.points();
         let track = Track { take, mirror: options.mirror };
         let names = labels::name(&take.labels, &track.coverage(), options.swap_sides);
-        let mut out = Self { capture, track, names, remark: None };
+        let mut out = Self { capture, track, names, remarks: Vec::new() };
         out.correct(options, None);
         out
     }
@@ -196,6 +198,17 @@ impl<'a> Take<'a> {
     /// Takes what the user says of markers.
     fn correct(&mut self, options: &Options, body: Option<&Skeleton>) {
         self.names.correct(&self.track.take.labels, &options.markers, body);
+    }
+
+    /// Takes the markers of pairs for each other that have left and right exchanged, but for those that the user speaks of.
+    fn exchange_sides(&mut self, options: &Options) {
+        for (left, right) in sides::exchanged(&self.track, &self.names) {
+            let (a, b) = (self.label(left), self.label(right));
+            if !options.markers.contains_key(a) && !options.markers.contains_key(b) {
+                self.remarks.push(format!("{a} and {b} have left and right exchanged throughout: taken for each other"));
+                self.names.places.swap(left, right);
+            }
+        }
     }
 
     pub(super) fn range(&self) -> (i64, i64) {
@@ -265,9 +278,7 @@ impl Human<'_> {
         let options = self.options;
         let mut notes = Notes::default();
         checks::body(self.body, options, &mut notes)?;
-        if let Some(remark) = &self.take.remark {
-            notes.warn(remark.clone());
-        }
+        self.take.remarks.iter().for_each(|remark| notes.warn(remark.clone()));
         let actor = actor::read(&self.take.track, &self.take.names, &self.take.capture.space, options, &mut notes)
             .map_err(|e| e.file(&self.take.capture.source))?;
         self.check_sides(&actor, &mut notes)?;
@@ -282,6 +293,8 @@ impl Human<'_> {
         let still = reference.map(|capture| {
             let mut still = Take::of(capture, options);
             still.correct(options, Some(self.skeleton));
+            still.exchange_sides(options);
+            still.remarks.iter().for_each(|remark| notes.warn(format!("in the reference capture {remark}")));
             still
         });
         let posed = still.as_ref().unwrap_or(self.take);

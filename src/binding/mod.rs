@@ -24,6 +24,7 @@ mod retarget;
 pub mod rig;
 mod segments;
 pub mod select;
+mod sides;
 mod similarity;
 mod skeletons;
 mod skin;

@@ -1,9 +1,12 @@
 //! Cleaning of a marker take: empty and doubled trajectories, jumps, empty ends.
 
-use super::{Cleaning, MarkerTake, counted, gaps, swaps};
+use super::gaps::{self, By};
+use super::strays::{self, Stretches};
+use super::{Cleaning, How, MarkerTake, Repair, counted, swaps};
 use crate::error::{Error, Kind, Notes, Result};
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 
 /// Two trajectories nearer than this share of the body are one marker.
 const SAME: f64 = 0.01;
@@ -20,6 +23,8 @@ const MARGIN: usize = 2;
 const TOO_MANY_JUMPS: f64 = 0.1;
 /// A frame at either end with a smaller share of the markers is cut off.
 const ALMOST_NONE: f64 = 0.1;
+/// A marker that stays missing for a larger share of the take is named.
+const OFTEN_MISSING: f64 = 0.2;
 
 /// Cleans a take in place; its labels become unique.
 ///
@@ -39,27 +44,62 @@ pub(super) fn clean(
             .expected("at least one trajectory"));
     }
     let size = size(take);
-    join_copies(take, size, cleaning, notes);
+    join_copies(take, size, *first_frame, cleaning, notes);
     let common = common_steps(take);
-    exchange(take, &common, rate, size, cleaning, notes);
-    remove_jumps(take, &common, rate, size, cleaning, notes);
+    exchange(take, &common, rate, size, *first_frame, cleaning, notes);
+    remove_stuck(take, rate, size, *first_frame, cleaning, notes);
+    remove_jumps(take, &common, rate, size, *first_frame, cleaning, notes);
+    remove_strays(take, rate, size, *first_frame, cleaning, notes);
     trim(take, first_frame, cleaning, notes);
     cleaning.empty += drop_empty(take);
+    fill(take, rate, size, *first_frame, cleaning, notes);
+    Ok(())
+}
 
-    let filled = gaps::fill(take, rate, size);
-    cleaning.filled = filled.rigid + filled.interpolated;
-    cleaning.filled_from_neighbours = filled.rigid;
-    cleaning.filled_positions = filled.positions;
-    cleaning.left = filled.left;
-    if let Some((marker, frames)) = filled.longest {
+/// A repair of frames counted from 0.
+fn repair(take: &MarkerTake, marker: usize, frames: &Range<usize>, first_frame: i64, how: How) -> Repair {
+    let frames = (first_frame + frames.start as i64, first_frame + frames.end as i64 - 1);
+    Repair { marker: take.labels[marker].clone(), frames, how }
+}
+
+/// Fills the gaps, and says what became of each.
+fn fill(take: &mut MarkerTake, rate: f64, size: f64, first_frame: i64, cleaning: &mut Cleaning, notes: &mut Notes) {
+    let mut longest: Option<(usize, usize)> = None;
+    let frames = take.frames();
+    let mut missing = vec![0; take.markers()];
+    for gap in gaps::fill(take, rate, size) {
+        let how = match gap.by {
+            By::Neighbours(n) => How::Filled(n),
+            By::Curve => How::Interpolated,
+            By::Nothing => How::Released,
+        };
+        if gap.by == By::Nothing {
+            cleaning.left += 1;
+            missing[gap.marker] += gap.frames.len();
+            longest = longest.filter(|(_, length)| *length >= gap.frames.len()).or(Some((gap.marker, gap.frames.len())));
+        } else {
+            cleaning.filled += 1;
+            cleaning.filled_positions += gap.frames.len();
+        }
+        cleaning.filled_from_neighbours += usize::from(matches!(gap.by, By::Neighbours(_)));
+        cleaning.repairs.push(repair(take, gap.marker, &gap.frames, first_frame, how));
+    }
+    if let Some((marker, frames)) = longest {
         let seconds = frames as f64 / rate;
         notes.warn(format!(
             "{} too long to fill (longest {seconds:.2} s, {}): the markers are released meanwhile",
-            counted(filled.left, "gap", "gaps"),
+            counted(cleaning.left, "gap", "gaps"),
             take.labels[marker]
         ));
     }
-    Ok(())
+    let share = |marker: usize| missing[marker] as f64 / frames.max(1) as f64;
+    let mut rare: Vec<usize> = (0..take.markers()).filter(|m| share(*m) > OFTEN_MISSING).collect();
+    rare.sort_by(|a, b| missing[*b].cmp(&missing[*a]).then(a.cmp(b)));
+    if !rare.is_empty() {
+        let said: Vec<String> = rare.iter().map(|m| format!("{} {:.0} %", take.labels[*m], 100.0 * share(*m))).collect();
+        let markers = counted(rare.len(), "marker is", "markers are");
+        notes.warn(format!("{markers} missing for more than a fifth of the take: {}", listed(&said)));
+    }
 }
 
 /// Diagonal of the box around the markers, median over sampled frames that show at least half as many as the best one.
@@ -124,7 +164,7 @@ fn keep(take: &mut MarkerTake, kept: &[bool]) -> usize {
 }
 
 /// Joins trajectories of one marker (`RBAC` and `RBAC-1`, or one label twice) and gives other namesakes labels of their own.
-fn join_copies(take: &mut MarkerTake, size: f64, cleaning: &mut Cleaning, notes: &mut Notes) {
+fn join_copies(take: &mut MarkerTake, size: f64, first_frame: i64, cleaning: &mut Cleaning, notes: &mut Notes) {
     let markers = take.markers();
     let mut kept = vec![true; markers];
     let (mut joined, mut renamed) = (Vec::new(), Vec::new());
@@ -146,6 +186,7 @@ fn join_copies(take: &mut MarkerTake, size: f64, cleaning: &mut Cleaning, notes:
             }
             kept[copy] = false;
             cleaning.copies += 1;
+            cleaning.repairs.push(repair(take, original, &(0..take.frames()), first_frame, How::Joined(label.clone())));
             joined.push(label);
         } else if namesake.is_some() {
             let number = next.entry(original).or_insert(1);
@@ -210,50 +251,87 @@ fn one_marker(take: &MarkerTake, a: usize, b: usize, size: f64) -> bool {
 }
 
 /// Puts right labels that two markers exchange during the take.
-fn exchange(take: &mut MarkerTake, common: &[DVec3], rate: f64, size: f64, cleaning: &mut Cleaning, notes: &mut Notes) {
+fn exchange(
+    take: &mut MarkerTake,
+    common: &[DVec3],
+    rate: f64,
+    size: f64,
+    first_frame: i64,
+    cleaning: &mut Cleaning,
+    notes: &mut Notes,
+) {
     let mended = swaps::mend(take, common, rate, size);
     cleaning.exchanged = mended.len();
-    let said: Vec<String> =
-        mended.iter().map(|(a, b, frames)| format!("{} and {} in {frames}", take.labels[*a], take.labels[*b])).collect();
+    let mut said = Vec::new();
+    for (a, b, spans) in mended {
+        let frames: usize = spans.iter().map(ExactSizeIterator::len).sum();
+        let other = &take.labels[b];
+        said.push(format!("{} and {other} in {frames}", take.labels[a]));
+        let repairs = spans.iter().map(|span| repair(take, a, span, first_frame, How::Exchanged(other.clone())));
+        cleaning.repairs.extend(repairs);
+    }
     if !said.is_empty() {
         let pairs = counted(said.len(), "pair of markers", "pairs of markers");
         notes.warn(format!("{pairs} had exchanged labels, put right: {} frames", listed(&said)));
     }
 }
 
+/// Makes gaps of stretches in which a marker stands still while its neighbours move.
+fn remove_stuck(take: &mut MarkerTake, rate: f64, size: f64, first_frame: i64, cleaning: &mut Cleaning, notes: &mut Notes) {
+    let stuck = strays::stuck(take, rate, size);
+    cleaning.stuck = stuck.len();
+    let said = make_gaps(take, &stuck, first_frame, &How::Stuck, cleaning);
+    if !said.is_empty() {
+        notes.warn(format!(
+            "{} stood still while their neighbours moved, made gaps: {}",
+            counted(said.len(), "marker", "markers"),
+            listed(&said)
+        ));
+    }
+}
+
+/// Makes gaps of stretches in which a marker is not where its neighbours carry it.
+fn remove_strays(take: &mut MarkerTake, rate: f64, size: f64, first_frame: i64, cleaning: &mut Cleaning, notes: &mut Notes) {
+    let wrong = strays::wrong(take, rate, size);
+    cleaning.strays = wrong.len();
+    let said = make_gaps(take, &wrong, first_frame, &How::Stray, cleaning);
+    if !said.is_empty() {
+        let markers = counted(said.len(), "marker was", "markers were");
+        notes.warn(format!("{markers} not where their neighbours carry them, made gaps: {}", listed(&said)));
+    }
+}
+
+/// Makes gaps of stretches; returns the markers with the frames of each.
+fn make_gaps(take: &mut MarkerTake, stretches: &Stretches, first_frame: i64, how: &How, cleaning: &mut Cleaning) -> Vec<String> {
+    let markers = take.markers();
+    let mut frames: BTreeMap<usize, usize> = BTreeMap::new();
+    for (marker, span) in stretches {
+        cleaning.repairs.push(repair(take, *marker, span, first_frame, how.clone()));
+        span.clone().for_each(|f| take.points[f * markers + marker] = [f32::NAN; 3]);
+        *frames.entry(*marker).or_default() += span.len();
+    }
+    frames.into_iter().map(|(marker, n)| format!("{} in {}", take.labels[marker], counted(n, "frame", "frames"))).collect()
+}
+
 /// Makes gaps of jumps: steps, relative to the motion of the whole, that no body makes.
-fn remove_jumps(take: &mut MarkerTake, common: &[DVec3], rate: f64, size: f64, cleaning: &mut Cleaning, notes: &mut Notes) {
+fn remove_jumps(
+    take: &mut MarkerTake,
+    common: &[DVec3],
+    rate: f64,
+    size: f64,
+    first_frame: i64,
+    cleaning: &mut Cleaning,
+    notes: &mut Notes,
+) {
     let (markers, frames) = (take.markers(), take.frames());
     if frames < 3 || size <= 0.0 {
         return;
     }
-    let step_limit = (SPEED * size / rate).max(SMALLEST_JUMP * size);
-    let bend_limit = (ACCELERATION * size / (rate * rate)).max(SMALLEST_JUMP * size);
     let stray = (STRAY * rate) as usize;
-    // Where the whole body is elsewhere the take was cut, and its markers are right on both sides.
-    let cut = |f: usize| common[f].length() > step_limit;
     let mut fast = Vec::new();
+    let mut jumping = Vec::new();
     let mut bad: Vec<bool> = vec![false; frames];
-    for marker in 0..markers {
-        let step = |f: usize| Some(take.point(f + 1, marker)? - take.point(f, marker)? - common[f]);
-        let mut jumps: Vec<usize> = Vec::new();
-        let mut before: Option<DVec3> = None;
-        for f in 0..frames - 1 {
-            if cut(f) {
-                before = None;
-                continue;
-            }
-            let now = step(f);
-            let far = now.is_some_and(|d| d.length() > step_limit);
-            let bent = before.zip(now).is_some_and(|(a, b)| (b - a).length() > bend_limit);
-            if far || bent {
-                jumps.push(f);
-            }
-            before = now;
-        }
-        if jumps.is_empty() {
-            continue;
-        }
+    for (marker, jumps) in jumps(take, common, rate, size).into_iter().enumerate().filter(|(_, jumps)| !jumps.is_empty()) {
         bad.fill(false);
         for f in &jumps {
             bad[(f + 1).saturating_sub(MARGIN)..(f + 1 + MARGIN).min(frames)].fill(true);
@@ -267,17 +345,57 @@ fn remove_jumps(take: &mut MarkerTake, common: &[DVec3], rate: f64, size: f64, c
             fast.push(take.labels[marker].clone());
             continue;
         }
-        cleaning.jumps += bad.windows(2).filter(|w| !w[0] && w[1]).count() + usize::from(bad[0]);
+        jumping.push(take.labels[marker].clone());
+        for span in bad.chunk_by(|a, b| a == b).scan(0, |start, run| {
+            let span = *start..*start + run.len();
+            *start = span.end;
+            Some((run[0], span))
+        }) {
+            if let (true, span) = span {
+                cleaning.jumps += 1;
+                cleaning.repairs.push(repair(take, marker, &span, first_frame, How::Jump));
+            }
+        }
         for f in lost {
             take.points[f * markers + marker] = [f32::NAN; 3];
         }
     }
     if cleaning.jumps > 0 {
-        notes.warn(format!("{} faster than a body moves: made gaps", counted(cleaning.jumps, "jump", "jumps")));
+        let jumps = counted(cleaning.jumps, "jump", "jumps");
+        notes.warn(format!("{jumps} faster than a body moves, made gaps: {}", listed(&jumping)));
     }
     if !fast.is_empty() {
         notes.warn(format!("too many jumps to mend, left as they are: {}", listed(&fast)));
     }
+}
+
+/// Frames of each marker after which it is too far away, or has turned too sharply.
+fn jumps(take: &MarkerTake, common: &[DVec3], rate: f64, size: f64) -> Vec<Vec<usize>> {
+    let markers = take.markers();
+    let step_limit = (SPEED * size / rate).max(SMALLEST_JUMP * size);
+    let bend_limit = (ACCELERATION * size / (rate * rate)).max(SMALLEST_JUMP * size);
+    let mut jumps = vec![Vec::new(); markers];
+    let mut before = vec![DVec3::NAN; markers];
+    let place = |p: &[f32; 3]| DVec3::new(p[0].into(), p[1].into(), p[2].into());
+    for (f, common) in common.iter().enumerate() {
+        // Where the whole body is elsewhere the take was cut, and its markers are right on both sides.
+        if common.length() > step_limit {
+            before.fill(DVec3::NAN);
+            continue;
+        }
+        let (from, to) = take.points[f * markers..][..2 * markers].split_at(markers);
+        for (m, (from, to)) in from.iter().zip(to).enumerate() {
+            let now = place(to) - place(from) - *common;
+            // What is missing is not a number, and never more than a limit.
+            let far = now.length_squared() > step_limit * step_limit;
+            let bent = (now - before[m]).length_squared() > bend_limit * bend_limit;
+            if far || bent {
+                jumps[m].push(f);
+            }
+            before[m] = now;
+        }
+    }
+    jumps
 }
 
 /// Median step of the markers from each frame to the next, zero where too few are seen to speak for the whole.
@@ -399,8 +517,27 @@ mod tests {
             take.points[f * 10 + 4][1] += 700.0;
         }
         let (_, cleaning, _) = run(&mut take);
-        assert_eq!((cleaning.jumps, cleaning.filled, cleaning.left), (1, 1, 0));
+        assert_eq!((cleaning.jumps, cleaning.strays, cleaning.filled, cleaning.left), (1, 0, 1, 0));
+        let frames = (101 + 96, 101 + 106);
+        let how = |how| Repair { marker: "e".into(), frames, how };
+        assert_eq!(cleaning.repairs, [how(How::Jump), how(How::Filled(4))]);
         assert!((take.points[100 * 10 + 4][1] - truth[1]).abs() < 20.0);
+    }
+
+    #[test]
+    fn what_stays_missing_is_released_and_named() {
+        let mut take = walking(&NAMES, 800);
+        for f in 100..300 {
+            take.points[f * 10 + 4] = [f32::NAN; 3];
+        }
+        take.labels.truncate(4 + 1);
+        take.points = take.points.chunks_exact(10).flat_map(|frame| [frame[0], frame[0], frame[0], frame[0], frame[4]]).collect();
+        let (_, cleaning, notes) = run(&mut take);
+        assert_eq!((cleaning.filled, cleaning.left), (0, 1));
+        assert_eq!(cleaning.repairs, [Repair { marker: "e".into(), frames: (201, 400), how: How::Released }]);
+        assert_eq!(cleaning.repairs[0].words(100.0, 101), "e released for 2 s at 1.0 s (frame 201)");
+        let said: Vec<&str> = notes.iter().collect();
+        assert!(said.contains(&"1 marker is missing for more than a fifth of the take: e 25 %"), "{said:?}");
     }
 
     #[test]

@@ -22,63 +22,54 @@ const BEYOND: f64 = 2.0;
 const CUBIC: f64 = 0.1;
 const LINEAR: f64 = 0.25;
 
-/// What filling did.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(super) struct Filled {
-    /// Gaps filled from neighbours, and positions in them.
-    pub(super) rigid: usize,
-    /// Gaps filled by interpolation.
-    pub(super) interpolated: usize,
-    /// Positions filled in all.
-    pub(super) positions: usize,
-    /// Gaps that stay.
-    pub(super) left: usize,
-    /// Marker and length in frames of the longest gap that stays.
-    pub(super) longest: Option<(usize, usize)>,
+/// A gap, and what became of it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Gap {
+    pub(super) marker: usize,
+    /// Frames counted from 0.
+    pub(super) frames: Range<usize>,
+    pub(super) by: By,
+}
+
+/// What a gap was filled by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum By {
+    /// The rigid motion of so many neighbours.
+    Neighbours(usize),
+    /// A curve between its ends.
+    Curve,
+    /// Nothing: it stays.
+    Nothing,
 }
 
 /// Fills the gaps of all markers. `size`: diagonal of the body, in the take's unit.
 ///
 /// Only measured positions carry others, so the order of markers does not matter.
-pub(super) fn fill(take: &mut MarkerTake, rate: f64, size: f64) -> Filled {
+pub(super) fn fill(take: &mut MarkerTake, rate: f64, size: f64) -> Vec<Gap> {
     let present = Present::of(take);
-    let mut done = Filled::default();
+    let mut done = Vec::new();
     for marker in 0..take.markers() {
         let gaps = present.gaps(marker);
         if gaps.is_empty() {
             continue;
         }
         let candidates = steady(take, &present, marker, size);
-        for gap in gaps {
-            let length = gap.len();
-            let fill = carried(take, &present, marker, &gap, &candidates, rate, size);
-            done.rigid += usize::from(fill.is_some());
-            let fill = fill.or_else(|| {
-                let line = interpolated(take, &present, marker, &gap, rate);
-                done.interpolated += usize::from(line.is_some());
-                line
-            });
-            match fill {
-                Some(positions) => {
-                    done.positions += length;
-                    for (frame, p) in gap.zip(positions) {
-                        let at = frame * take.markers() + marker;
-                        take.points[at] = p.as_vec3().to_array();
-                    }
-                }
-                None => {
-                    done.left += 1;
-                    if done.longest.is_none_or(|(_, l)| length > l) {
-                        done.longest = Some((marker, length));
-                    }
-                }
+        for frames in gaps {
+            let fill = carried(take, &present, marker, &frames, &candidates, rate, size)
+                .map(|(positions, neighbours)| (positions, By::Neighbours(neighbours)))
+                .or_else(|| Some((interpolated(take, &present, marker, &frames, rate)?, By::Curve)));
+            let (positions, by) = fill.unwrap_or((Vec::new(), By::Nothing));
+            for (frame, p) in frames.clone().zip(positions) {
+                let at = frame * take.markers() + marker;
+                take.points[at] = p.as_vec3().to_array();
             }
+            done.push(Gap { marker, frames, by });
         }
     }
     done
 }
 
-/// The gap filled by the rigid motion of neighbours that were seen all through it.
+/// The gap filled by the rigid motion of neighbours that were seen all through it, and their number.
 ///
 /// The marker is carried from the last position before and from the first one after the gap, and the two are blended, so the
 /// path joins both ends whatever the skin does.
@@ -90,7 +81,7 @@ fn carried(
     candidates: &[usize],
     rate: f64,
     size: f64,
-) -> Option<Vec<DVec3>> {
+) -> Option<(Vec<DVec3>, usize)> {
     let before = gap.start.checked_sub(1);
     let after = (gap.end < present.frames).then_some(gap.end);
     let longest = if before.is_some() && after.is_some() { BETWEEN } else { BEYOND };
@@ -122,7 +113,8 @@ fn carried(
         return None;
     }
     let steps = (gap.len() + 1) as f64;
-    gap.clone()
+    let filled: Option<Vec<DVec3>> = gap
+        .clone()
         .map(|frame| {
             let target = places(frame);
             match &ends {
@@ -134,7 +126,8 @@ fn carried(
                 [None, None] => None,
             }
         })
-        .collect()
+        .collect();
+    Some((filled?, neighbours.len()))
 }
 
 /// A short gap between two known positions: a cubic through the speeds at its ends, or a straight line.
@@ -201,9 +194,9 @@ mod tests {
         let (truth, size) = tumbling(300);
         for gap in [100..170, 0..80, 250..300] {
             let mut take = truth.clone();
-            hide(&mut take, gap, 4);
+            hide(&mut take, gap.clone(), 4);
             let done = fill(&mut take, RATE, size);
-            assert_eq!((done.rigid, done.left), (1, 0));
+            assert_eq!(done, [Gap { marker: 4, frames: gap, by: By::Neighbours(4) }]);
             assert!(worst(&take, &truth) < 0.01);
         }
     }
@@ -218,7 +211,8 @@ mod tests {
             hide(&mut take, gap, 0);
         }
         let done = fill(&mut take, RATE, 440.0);
-        assert_eq!(done, Filled { rigid: 0, interpolated: 2, positions: 35, left: 2, longest: Some((0, 40)) });
+        assert_eq!(done.iter().map(|g| g.by).collect::<Vec<_>>(), [By::Curve, By::Curve, By::Nothing, By::Nothing]);
+        assert_eq!(done.iter().map(|g| g.frames.len()).collect::<Vec<_>>(), [10, 25, 40, 10]);
         assert!(take.point(140, 0).is_none() && take.point(295, 0).is_none());
         assert!(take.point(25, 0).unwrap().distance(truth.point(25, 0).unwrap()) < 0.5);
     }
@@ -235,6 +229,6 @@ mod tests {
             .collect();
         take.points = bent;
         hide(&mut take, 30..90, 3);
-        assert_eq!(fill(&mut take, RATE, size).left, 1);
+        assert_eq!(fill(&mut take, RATE, size), [Gap { marker: 3, frames: 30..90, by: By::Nothing }]);
     }
 }

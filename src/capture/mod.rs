@@ -5,6 +5,7 @@ mod assemble;
 mod bvh;
 mod c3d;
 mod clean;
+mod cleaning;
 mod clips;
 #[cfg(feature = "fbx")]
 mod fbx;
@@ -27,6 +28,7 @@ mod segments;
 mod skeleton;
 pub mod smooth;
 mod source;
+mod strays;
 mod swaps;
 mod table;
 mod trc;
@@ -49,7 +51,10 @@ mod tests_of_tables;
 use crate::error::{Error, Notes, Result};
 use crate::scan::Faces;
 use crate::space::Space;
+pub use cleaning::{Cleaning, How, Repair};
+
 use crate::words;
+use cleaning::counted;
 use format::Format;
 use glam::{DQuat, DVec3};
 use std::fmt;
@@ -334,64 +339,4 @@ impl MarkerTake {
     pub fn stored(&self, position: DVec3) -> [f32; 3] {
         (position - self.origin).to_array().map(|x| x as f32)
     }
-}
-
-/// What cleaning did to a take. Shown as `dropped 3 ghosts, 24 computed points · 212 gaps filled`.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Cleaning {
-    /// Dropped points without a name.
-    pub ghosts: usize,
-    /// Dropped computed points: angles, forces, axes of segments, joint centres.
-    pub computed: usize,
-    /// Dropped points of other subjects.
-    pub other_subjects: usize,
-    /// Dropped markers without a position.
-    pub empty: usize,
-    /// Copies of a marker, joined with it.
-    pub copies: usize,
-    /// Markers that shared a label with another and were renamed.
-    pub renamed: usize,
-    /// Pairs of markers that had exchanged their labels for a time and were put right.
-    pub exchanged: usize,
-    /// Jumps that were made gaps.
-    pub jumps: usize,
-    /// Frames without markers cut off the start.
-    pub trimmed_start: usize,
-    /// Frames without markers cut off the end.
-    pub trimmed_end: usize,
-    /// Gaps filled.
-    pub filled: usize,
-    /// Those of them that rigid neighbours filled; the others are interpolated.
-    pub filled_from_neighbours: usize,
-    /// Positions filled, over all gaps.
-    pub filled_positions: usize,
-    /// Gaps that were too long to fill; their points stay missing.
-    pub left: usize,
-}
-
-impl fmt::Display for Cleaning {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let some = |n: usize, one: &str, many: &str| (n > 0).then(|| counted(n, one, many));
-        let dropped = [
-            some(self.ghosts, "ghost", "ghosts"),
-            some(self.computed, "computed point", "computed points"),
-            some(self.other_subjects, "point of other subjects", "points of other subjects"),
-            some(self.empty, "empty marker", "empty markers"),
-            some(self.copies, "copy", "copies"),
-        ];
-        let dropped: Vec<String> = dropped.into_iter().flatten().collect();
-        let parts = [
-            (!dropped.is_empty()).then(|| format!("dropped {}", dropped.join(", "))),
-            some(self.exchanged, "pair of labels exchanged", "pairs of labels exchanged"),
-            some(self.jumps, "jump removed", "jumps removed"),
-            some(self.filled, "gap filled", "gaps filled"),
-            some(self.left, "gap left open", "gaps left open"),
-        ];
-        f.write_str(&parts.into_iter().flatten().collect::<Vec<_>>().join(" · "))
-    }
-}
-
-/// `1 gap`, `2 gaps`.
-fn counted(n: usize, one: &str, many: &str) -> String {
-    format!("{n} {}", if n == 1 { one } else { many })
 }

@@ -33,6 +33,12 @@ impl Present {
         self.bits[i / 64] >> (i % 64) & 1 == 1
     }
 
+    /// From now on a position counts as missing.
+    pub(super) fn clear(&mut self, frame: usize, marker: usize) {
+        let i = frame * self.markers + marker;
+        self.bits[i / 64] &= !(1 << (i % 64));
+    }
+
     pub(super) fn throughout(&self, frames: Range<usize>, marker: usize) -> bool {
         frames.into_iter().all(|f| self.has(f, marker))
     }
@@ -63,6 +69,36 @@ pub(super) fn at(take: &MarkerTake, frame: usize, marker: usize) -> DVec3 {
 
 /// Markers that keep their distance to this one, the steadiest first.
 pub(super) fn steady(take: &MarkerTake, present: &Present, marker: usize, size: f64) -> Vec<usize> {
+    steady_by(take, present, marker, size, |distances| {
+        let (mut n, mut mean, mut squares) = (0.0, 0.0, 0.0);
+        for d in &*distances {
+            n += 1.0;
+            let change = d - mean;
+            mean += change / n;
+            squares += change * (d - mean);
+        }
+        (mean, (squares / f64::max(n, 1.0)).sqrt())
+    })
+}
+
+/// Markers that keep their distance to this one in most of the take, whatever they do in the rest; the steadiest first.
+pub(super) fn mostly_steady(take: &MarkerTake, present: &Present, marker: usize, size: f64) -> Vec<usize> {
+    steady_by(take, present, marker, size, |distances| {
+        let (n, middle) = (distances.len(), distances.len() / 2);
+        let median = *distances.select_nth_unstable_by(middle, f64::total_cmp).1;
+        distances.iter_mut().for_each(|d| *d = (*d - median).abs());
+        (median, *distances.select_nth_unstable_by(7 * n / 10, f64::total_cmp).1)
+    })
+}
+
+/// `spread`: middle and deviation of distances, of which there is at least one.
+fn steady_by(
+    take: &MarkerTake,
+    present: &Present,
+    marker: usize,
+    size: f64,
+    spread: impl Fn(&mut [f64]) -> (f64, f64),
+) -> Vec<usize> {
     const SAMPLES: usize = 200;
     const FEWEST: usize = 5;
     if take.markers() > MOST_MARKERS {
@@ -70,20 +106,18 @@ pub(super) fn steady(take: &MarkerTake, present: &Present, marker: usize, size: 
     }
     let step = (present.frames / SAMPLES).max(1);
     let frames: Vec<usize> = (0..present.frames).step_by(step).filter(|f| present.has(*f, marker)).collect();
+    let mut distances = Vec::with_capacity(frames.len());
     let mut steady: Vec<(f64, usize)> = (0..take.markers())
         .filter(|other| *other != marker)
         .filter_map(|other| {
-            let (mut n, mut mean, mut squares) = (0.0, 0.0, 0.0);
-            for f in frames.iter().filter(|f| present.has(**f, other)) {
-                let d = at(take, *f, marker).distance(at(take, *f, other));
-                n += 1.0;
-                let change = d - mean;
-                mean += change / n;
-                squares += change * (d - mean);
+            distances.clear();
+            let both = frames.iter().filter(|f| present.has(**f, other));
+            distances.extend(both.map(|f| at(take, *f, marker).distance(at(take, *f, other))));
+            if distances.len() < FEWEST {
+                return None;
             }
-            let deviation = (squares / f64::max(n, 1.0)).sqrt();
-            let rigid = n >= FEWEST as f64 && mean < NEAR * size && deviation <= RIGID * size;
-            rigid.then_some((deviation, other))
+            let (middle, deviation) = spread(&mut distances);
+            (middle < NEAR * size && deviation <= RIGID * size).then_some((deviation, other))
         })
         .collect();
     steady.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));

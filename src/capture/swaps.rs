@@ -2,6 +2,7 @@
 
 use super::MarkerTake;
 use glam::DVec3;
+use std::ops::Range;
 
 /// A marker is looked at when it moves further than this share of the body against the whole in one step.
 const MOVED: f64 = 0.01;
@@ -14,15 +15,16 @@ const MEMORY: f64 = 0.1;
 /// More markers that move at once are a torn take and not an exchange; it also bounds the pairs.
 const MOST_MOVED: usize = 64;
 
-/// Puts exchanged labels right and returns the pairs of markers with the number of frames in which they were exchanged.
+/// Puts exchanged labels right and returns the pairs of markers with the frames in which they were exchanged, counted from 0.
 ///
 /// `common`: the step of the whole from each frame to the next. Of the two ways to name a pair, the one that changes fewer frames is taken.
-pub(super) fn mend(take: &mut MarkerTake, common: &[DVec3], rate: f64, size: f64) -> Vec<(usize, usize, usize)> {
+pub(super) fn mend(take: &mut MarkerTake, common: &[DVec3], rate: f64, size: f64) -> Vec<(usize, usize, Vec<Range<usize>>)> {
     let (markers, frames) = (take.markers(), take.frames());
     let memory = ((MEMORY * rate) as usize).max(1);
     let mut partner: Vec<Option<usize>> = vec![None; markers];
     let mut exchanged = vec![false; markers];
-    let mut count = vec![0; markers];
+    // Frames in which the state changed.
+    let mut turns: Vec<Vec<usize>> = vec![Vec::new(); markers];
     // Where each marker was last seen, carried on by its own last step or by the motion of the whole.
     let mut last: Vec<Option<(usize, DVec3)>> = vec![None; markers];
     let mut moved: Vec<(usize, f64, DVec3)> = Vec::with_capacity(markers);
@@ -55,15 +57,15 @@ pub(super) fn mend(take: &mut MarkerTake, common: &[DVec3], rate: f64, size: f64
                     (partner[*a], partner[*b]) = (Some(*b), Some(*a));
                     for m in [*a, *b] {
                         exchanged[m] = !exchanged[m];
+                        turns[m].push(f);
                     }
                     take.points.swap(row + a, row + b);
                 }
             }
         }
-        for m in 0..markers {
-            count[m] += usize::from(exchanged[m]);
+        for (m, last) in last.iter_mut().enumerate() {
             if let Some(p) = take.point(f, m) {
-                last[m] = Some((f, p));
+                *last = Some((f, p));
             }
         }
     }
@@ -71,13 +73,21 @@ pub(super) fn mend(take: &mut MarkerTake, common: &[DVec3], rate: f64, size: f64
     let mut mended = Vec::new();
     for a in 0..markers {
         let Some(b) = partner[a].filter(|b| *b > a) else { continue };
-        let most = 2 * count[a] > frames;
-        if most {
+        let mut spans = between(&turns[a], frames);
+        if 2 * spans.iter().map(ExactSizeIterator::len).sum::<usize>() > frames {
             take.points.chunks_exact_mut(markers).for_each(|frame| frame.swap(a, b));
+            turns[a].insert(0, 0);
+            spans = between(&turns[a], frames);
         }
-        mended.push((a, b, if most { frames - count[a] } else { count[a] }));
+        mended.push((a, b, spans));
     }
     mended
+}
+
+/// The spans between every odd turn and the next one, the last one up to the end.
+fn between(turns: &[usize], end: usize) -> Vec<Range<usize>> {
+    let spans = turns.chunks(2).map(|turn| turn[0]..turn.get(1).copied().unwrap_or(end));
+    spans.filter(|span| !span.is_empty()).collect()
 }
 
 #[cfg(test)]
@@ -101,7 +111,7 @@ mod tests {
         for span in [100..160, 0..40, 250..300] {
             let mut take = truth.clone();
             span.clone().for_each(|f| take.points.swap(3 * f, 3 * f + 1));
-            assert_eq!(mend(&mut take, &still, 100.0, 1800.0), [(0, 1, span.len())]);
+            assert_eq!(mend(&mut take, &still, 100.0, 1800.0), [(0, 1, vec![span])]);
             assert_eq!(take.points, truth.points);
         }
         let mut take = truth.clone();

@@ -4,10 +4,10 @@ use super::args::Animate;
 use super::console::Console;
 use super::decisions::{
     bind_line, binding_details, binding_json, capture_line, cut, done_line, file_name, oriented_json, outcome_warnings,
-    scan_line, solve_line, unbound,
+    repair_details, repairs_json, scan_line, solve_line, unbound,
 };
 use super::outputs;
-use super::picture::{self, Bound};
+use super::picture::{self, Bound, Unbound};
 use super::rig::Rig;
 use crate::binding::landmarks::Floor;
 use crate::binding::regions::Subject;
@@ -67,6 +67,8 @@ struct Setup {
     regions: Regions,
     deformer: Volumetric,
     clock: Clock,
+    /// What was repaired in the capture.
+    repairs: Value,
     warnings: Vec<String>,
     start: Instant,
 }
@@ -95,7 +97,13 @@ impl Setup {
             || body(args, &scan, unit_box, &points, &triangles, cancel),
             || bind(args, &scan, unit_box, &points, &triangles, &mut captures, &rig),
         );
-        let (mut binding, floor) = bound?;
+        let (mut binding, floor) = match bound {
+            Err(error) if matches!(error.kind, Kind::Refused | Kind::Ambiguous) && args.picture.is_some() => {
+                show_unbound(args, console, &scan, &points, &triangles, &captures.capture)?;
+                return Err(error);
+            }
+            bound => bound?,
+        };
         let (scan, triangles, built) = match floor {
             Some(floor) => {
                 let without = without_floor(&scan, unit_box, &floor, &mut binding.notes);
@@ -118,7 +126,7 @@ impl Setup {
         warn(console, &mut warnings, &binding.notes);
         warn(console, &mut warnings, &unbound(&binding));
         warn(console, &mut warnings, &grips::missing(&binding.turning, &holdings(args), range.clone()));
-        binding_details(&binding).iter().for_each(|line| console.detail(line));
+        repair_details(&capture).iter().chain(&binding_details(&binding)).for_each(|line| console.detail(line));
         let Made { proxy, words: remarks, notes, joined, touching } = built?;
         console.station("proxy", &remarks);
         warn(console, &mut warnings, &notes);
@@ -128,12 +136,15 @@ impl Setup {
         clock.lap("bind and proxy");
         if let Some(path) = &args.picture {
             let reference = reference.as_ref().unwrap_or(&capture);
-            let bound =
-                Bound { scan: &scan, points: &points, triangles: &triangles, binding: &binding, reference, joined: &joined };
-            picture::write(path, args, &bound)?;
+            let heading = vec![of_files(args), bind_line(args, &binding)];
+            let (points, triangles) = (&points, &triangles);
+            let bound = Bound { heading, scan: &scan, points, triangles, binding: &binding, reference, joined: &joined };
+            picture::write(path, &picture::bound(&bound))?;
             console.station("picture", &path.display().to_string());
             clock.lap("picture");
         }
+        // In the frames of the file, whatever --fps makes of them.
+        let repairs = repairs_json(&capture);
         let range = resample(args, &mut capture, &mut binding, range)?;
         cancel.check()?;
 
@@ -188,6 +199,7 @@ impl Setup {
             regions,
             deformer,
             clock,
+            repairs,
             warnings,
             start,
         })
@@ -285,7 +297,7 @@ impl Setup {
             self.clock.laps.iter().map(|(name, ms)| (name.replace(' ', "_"), json!((ms * 10.0).round() / 10.0))).collect();
         let decisions = json!({
             "scan": { "vertices": self.scan.mesh.positions.len(), "faces": self.scan.mesh.faces.len(), "diagonal": self.unit_box.diagonal },
-            "capture": { "name": self.capture.name, "rate": self.capture.rate, "first_frame": self.capture.first_frame, "summary": self.capture.summary() },
+            "capture": { "name": self.capture.name, "rate": self.capture.rate, "first_frame": self.capture.first_frame, "summary": self.capture.summary(), "repairs": self.repairs },
             "parts": self.regions.counts.iter().map(|(what, stiffness, tets)| json!({ "what": what, "stiffness": stiffness, "tetrahedra": tets })).collect::<Vec<_>>(),
             "binding": binding_json(&self.binding, self.unit_box),
             "oriented_handles": self.oriented.iter().map(|h| oriented_json(h, self.unit_box)).collect::<Vec<_>>(),
@@ -293,6 +305,31 @@ impl Setup {
         });
         vec![("inputs", inputs), ("decisions", decisions), ("setup_ms", Value::Object(laps))]
     }
+}
+
+/// `scan.obj · walk.c3d`.
+fn of_files(args: &Animate) -> String {
+    format!("{} \u{b7} {}", file_name(&args.scan), file_name(&args.capture))
+}
+
+/// Draws what there is to bind, where it could not be: what a person needs to name the markers in a rig file.
+fn show_unbound(
+    args: &Animate,
+    console: &Console,
+    scan: &Scan,
+    points: &[DVec3],
+    triangles: &[[u32; 3]],
+    capture: &Capture,
+) -> Result<()> {
+    let Some(path) = &args.picture else { return Ok(()) };
+    let body = landmarks::find(points, triangles).ok();
+    let heading = vec![of_files(args), "not bound".to_owned()];
+    let unbound = Unbound { heading, scan, points, triangles, body: body.as_ref() };
+    let up = args.capture_up.or(binding::actor_space(capture).space.up.map(|up| up.value));
+    let up = up.map_or(DVec3::Z, |up| up.vector());
+    picture::write(path, &picture::not_bound(unbound, capture, up))?;
+    console.station("picture", &path.display().to_string());
+    Ok(())
 }
 
 /// Milliseconds of the parts of the set-up.

@@ -47,6 +47,13 @@ pub struct Inspect {
     /// Draw bars without block characters
     #[arg(long)]
     pub ascii: bool,
+    /// Draw the first scan from four sides with its landmarks; with a capture among the files, as it is bound to the scan, or its markers with their
+    /// numbers and names where it cannot be
+    #[arg(long, value_name = "FILE.png")]
+    pub picture: Option<PathBuf>,
+    /// Replace a picture that exists
+    #[arg(long, requires = "picture")]
+    pub force: bool,
     /// Which animation, where a capture holds several (default: the longest)
     #[arg(long, value_name = "NAME")]
     pub clip: Option<String>,

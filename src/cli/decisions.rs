@@ -3,7 +3,7 @@
 use super::animate::is_table;
 use super::args::Animate;
 use crate::binding::Binding;
-use crate::capture::Capture;
+use crate::capture::{Capture, How};
 use crate::deform::{Grip, OrientedHandle};
 use crate::error::Notes;
 use crate::export::Written;
@@ -97,6 +97,32 @@ pub(super) fn unbound(binding: &Binding) -> Notes {
         ));
     }
     notes
+}
+
+/// One line per repair of the capture, for `--verbose`.
+pub(super) fn repair_details(capture: &Capture) -> Vec<String> {
+    capture.cleaning.repairs.iter().map(|repair| repair.words(capture.rate, capture.first_frame)).collect()
+}
+
+/// The repairs of a capture for the report.
+pub(super) fn repairs_json(capture: &Capture) -> Value {
+    let repairs = capture.cleaning.repairs.iter().map(|repair| {
+        let (first, last) = repair.frames;
+        let mut value = json!({
+            "marker": repair.marker,
+            "how": repair.how.word(),
+            "first_frame": first,
+            "last_frame": last,
+            "seconds": (last - first + 1) as f64 / capture.rate,
+        });
+        match &repair.how {
+            How::Filled(neighbours) => value["neighbours"] = json!(neighbours),
+            How::Exchanged(other) | How::Joined(other) => value["with"] = json!(other),
+            _ => {}
+        }
+        value
+    });
+    repairs.collect()
 }
 
 /// One line per marker, for `--verbose`.

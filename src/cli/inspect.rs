@@ -1,5 +1,6 @@
 //! `retarget inspect`: what is in scans, captures and outputs.
 
+mod drawing;
 mod takes;
 
 use super::args::Inspect;
@@ -37,7 +38,10 @@ pub(super) fn run(args: &Inspect, console: &Console) -> Result<()> {
             Err(error) => console.error(&error),
         }
     }
-    failure
+    match (&args.picture, failure) {
+        (Some(path), Ok(())) => drawing::draw(args, path),
+        (_, failure) => failure,
+    }
 }
 
 #[allow(clippy::print_stdout)]
@@ -53,19 +57,44 @@ fn print(args: &Inspect, path: &Path, found: &Found) {
     }
 }
 
-fn look(path: &Path, args: &Inspect) -> Result<Found> {
+/// What kind of file it is, by its first bytes and its name.
+enum Sort {
+    Cache,
+    Gltf,
+    Mesh,
+    Proxy,
+    Take,
+}
+
+fn sort(path: &Path) -> Result<Sort> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let ends = |extensions: &[&str]| extensions.iter().any(|e| name.trim_end_matches(".gz").ends_with(e));
     let mut head = [0; 12];
     let mut file = File::open(path).map_err(|e| Error::unreadable(path, &e))?;
     let length = file.read(&mut head).map_err(|e| Error::unreadable(path, &e))?;
-    match &head[..length] {
-        b"POINTCACHE2\0" => cache(path),
-        [b'g', b'l', b'T', b'F', ..] => with_motion(mesh(path), path, args),
-        [b'P', b'K', 3, 4, ..] => mesh(path),
-        _ if [".gltf", ".glb"].iter().any(|e| name.trim_end_matches(".gz").ends_with(e)) => with_motion(mesh(path), path, args),
-        _ if [".obj", ".ply", ".stl", ".off"].iter().any(|e| name.trim_end_matches(".gz").ends_with(e)) => mesh(path),
-        _ if name.trim_end_matches(".gz").ends_with(".mesh") => proxy(path),
-        _ => takes::look(path, args),
+    Ok(match &head[..length] {
+        b"POINTCACHE2\0" => Sort::Cache,
+        [b'g', b'l', b'T', b'F', ..] => Sort::Gltf,
+        [b'P', b'K', 3, 4, ..] => Sort::Mesh,
+        _ if ends(&[".gltf", ".glb"]) => Sort::Gltf,
+        _ if ends(&[".obj", ".ply", ".stl", ".off"]) => Sort::Mesh,
+        _ if ends(&[".mesh"]) => Sort::Proxy,
+        _ => Sort::Take,
+    })
+}
+
+/// Whether a file may hold a scan.
+fn is_mesh(path: &Path) -> Result<bool> {
+    sort(path).map(|sort| matches!(sort, Sort::Mesh | Sort::Gltf))
+}
+
+fn look(path: &Path, args: &Inspect) -> Result<Found> {
+    match sort(path)? {
+        Sort::Cache => cache(path),
+        Sort::Gltf => with_motion(mesh(path), path, args),
+        Sort::Mesh => mesh(path),
+        Sort::Proxy => proxy(path),
+        Sort::Take => takes::look(path, args),
     }
 }
 

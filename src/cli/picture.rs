@@ -1,13 +1,13 @@
-//! `--picture`: the scan from four sides, with what the binding found on it.
+//! `--picture`: the scan from four sides, with what the binding found on it, or what there is to bind where it found nothing.
 
-use super::args::Animate;
-use super::decisions::{bind_line, file_name};
+use crate::binding::landmarks::{Body, Joint};
 use crate::binding::{Binding, BoundMarker, Segment};
 use crate::capture::{Capture, Motion};
 use crate::error::Result;
 use crate::export::files::Pending;
-use crate::picture::{self, CLAY, Colors, Mark, Shape, Sheet, Stroke, Surface, View};
+use crate::picture::{self, CLAY, Colors, Mark, Picture, Shape, Sheet, Stroke, Surface, View};
 use crate::scan::Scan;
+use crate::space::Axis;
 use crate::spatial::PointTree;
 use glam::DVec3;
 use std::path::Path;
@@ -26,6 +26,8 @@ const FARTHEST: f64 = 0.6;
 
 /// What the picture is made from, all in the unit box.
 pub(super) struct Bound<'a> {
+    /// What stands above the views.
+    pub(super) heading: Vec<String>,
     pub(super) scan: &'a Scan,
     pub(super) points: &'a [DVec3],
     pub(super) triangles: &'a [[u32; 3]],
@@ -36,23 +38,138 @@ pub(super) struct Bound<'a> {
     pub(super) joined: &'a [DVec3],
 }
 
-/// Draws and writes the picture.
+/// A scan that nothing is bound to.
+pub(super) struct Unbound<'a> {
+    /// What stands above the views.
+    pub(super) heading: Vec<String>,
+    pub(super) scan: &'a Scan,
+    pub(super) points: &'a [DVec3],
+    pub(super) triangles: &'a [[u32; 3]],
+    /// The person in it, where one was found.
+    pub(super) body: Option<&'a Body>,
+}
+
+/// Writes a picture.
 ///
 /// Errors: a file that cannot be written.
-pub(super) fn write(path: &Path, args: &Animate, bound: &Bound<'_>) -> Result<()> {
-    let bytes = draw(args, bound).png()?;
+pub(super) fn write(path: &Path, picture: &Picture) -> Result<()> {
+    let bytes = picture.png()?;
     let mut file = Pending::create(path)?;
     file.write(&bytes)?;
     file.finish().map(drop)
 }
 
-fn draw(args: &Animate, bound: &Bound<'_>) -> picture::Picture {
+/// The scan with the landmarks of the person in it.
+pub(super) fn landmarks(unbound: Unbound<'_>) -> Picture {
+    from_sides(unbound, 4)
+}
+
+/// The first so many views of [`landmarks`].
+fn from_sides(unbound: Unbound<'_>, sides: usize) -> Picture {
+    let space = &unbound.scan.space;
+    let up = unbound.body.map(|b| b.up).or(space.up.map(|up| up.value.vector()));
+    let forward = unbound.body.map(|b| b.forward).or(space.forward.map(|f| f.value));
+    let mut sheet = Sheet {
+        surfaces: vec![Surface { points: unbound.points, triangles: unbound.triangles, colors: Colors::Plain }],
+        views: views(up, forward).into_iter().take(sides).collect(),
+        heading: unbound.heading,
+        ..Sheet::default()
+    };
+    let Some(body) = unbound.body else {
+        sheet.legend.push((Shape::Square, BONE, "no person was recognised".to_owned()));
+        return picture::draw(&sheet);
+    };
+    for (from, to) in BONES {
+        let [from, to] = [from, to].map(|joint| body.joints[joint as usize]);
+        sheet.strokes.push(Stroke { from, to, color: BONE, width: 2.0, opacity: 0.55 });
+    }
+    for joint in Joint::ALL {
+        let name = joint_words(joint);
+        let color = if name.starts_with("left") {
+            LEFT
+        } else if name.starts_with("right") {
+            RIGHT
+        } else {
+            MIDDLE
+        };
+        sheet.marks.push(Mark { at: body.joints[joint as usize], name, color, shape: Shape::Square, through: true });
+    }
+    for (color, words) in [(LEFT, "landmark of the scan, left"), (RIGHT, "right"), (MIDDLE, "middle")] {
+        sheet.legend.push((Shape::Square, color, words.to_owned()));
+    }
+    picture::draw(&sheet)
+}
+
+/// The same from two sides, and beside it the markers of the first frame that shows most of them, with their numbers and names. `up`: in the capture.
+pub(super) fn not_bound(unbound: Unbound<'_>, capture: &Capture, up: DVec3) -> Picture {
+    let take = capture.motion.points();
+    let seen = |frame: usize| (0..take.markers()).filter(|&m| take.point(frame, m).is_some()).count();
+    // The first of the best.
+    let frame = (0..take.frames()).rev().max_by_key(|&f| seen(f)).unwrap_or(0);
+    let level = up.any_orthonormal_vector();
+    // The letters have no minus sign but the hyphen.
+    let title = |toward| format!("from {}", Axis::nearest(toward)).replace('\u{2212}', "-");
+    let sides = [level, up.cross(level)].map(|toward| View { title: title(toward), toward, up });
+    let mut sheet = Sheet { views: sides.into(), heading: vec![String::new(); unbound.heading.len()], ..Sheet::default() };
+    let common = common_prefix(take.labels.iter().map(String::as_str));
+    for (m, label) in take.labels.iter().enumerate() {
+        if let Some(at) = (take.frames() > 0).then(|| take.point(frame, m)).flatten() {
+            let name = format!("{} {}", m + 1, &label[common..]);
+            sheet.marks.push(Mark { at, name, color: MIDDLE, shape: Shape::Ring, through: true });
+        }
+    }
+    let number = capture.first_frame + frame as i64;
+    sheet.legend.push((Shape::Ring, MIDDLE, format!("marker in frame {number}: number and label")));
+    from_sides(unbound, 2).beside(&picture::draw(&sheet))
+}
+
+/// Lines between landmarks.
+const BONES: [(Joint, Joint); 18] = {
+    use Joint::*;
+    [
+        (Crown, Head),
+        (Head, Neck),
+        (Neck, MidHip),
+        (LeftShoulder, RightShoulder),
+        (LeftShoulder, LeftElbow),
+        (LeftElbow, LeftWrist),
+        (LeftWrist, LeftHandTip),
+        (RightShoulder, RightElbow),
+        (RightElbow, RightWrist),
+        (RightWrist, RightHandTip),
+        (LeftHip, MidHip),
+        (LeftHip, LeftKnee),
+        (LeftKnee, LeftAnkle),
+        (LeftAnkle, LeftToe),
+        (RightHip, MidHip),
+        (RightHip, RightKnee),
+        (RightKnee, RightAnkle),
+        (RightAnkle, RightToe),
+    ]
+};
+
+/// `left hand tip`.
+fn joint_words(joint: Joint) -> String {
+    let mut words = String::new();
+    for c in format!("{joint:?}").chars() {
+        if c.is_uppercase() && !words.is_empty() {
+            words.push(' ');
+        }
+        words.extend(c.to_lowercase());
+    }
+    words
+}
+
+/// The scan with what is bound to it.
+pub(super) fn bound(bound: &Bound<'_>) -> Picture {
     let colors = colors(bound.points, bound.joined);
     let colors = if bound.joined.is_empty() { Colors::Plain } else { Colors::PerVertex(&colors) };
+    let (decisions, space) = (&bound.binding.decisions, &bound.scan.space);
+    let up = decisions.scan_up.map(|up| up.value).or(space.up.map(|up| up.value.vector()));
     let mut sheet = Sheet {
         surfaces: vec![Surface { points: bound.points, triangles: bound.triangles, colors }],
-        views: views(bound),
-        heading: vec![format!("{} · {}", file_name(&args.scan), file_name(&args.capture)), bind_line(args, bound.binding)],
+        views: views(up, decisions.scan_forward.or(space.forward).map(|f| f.value)),
+        heading: bound.heading.clone(),
         ..Sheet::default()
     };
     // Of a skeleton the user knows the joints, not the points that move with them.
@@ -89,12 +206,10 @@ fn draw(args: &Animate, bound: &Bound<'_>) -> picture::Picture {
 }
 
 /// Front, left side, back and right side, as far as they are known.
-fn views(bound: &Bound<'_>) -> Vec<View> {
-    let (decisions, space) = (&bound.binding.decisions, &bound.scan.space);
-    let file_up = space.up.map(|up| up.value.vector());
-    let up = decisions.scan_up.map(|up| up.value).or(file_up).unwrap_or(DVec3::Y);
+fn views(up: Option<DVec3>, forward: Option<DVec3>) -> Vec<View> {
+    let up = up.unwrap_or(DVec3::Y);
     let usual = if up.y.abs() > 0.7 { DVec3::Z } else { -DVec3::Y };
-    let forward = decisions.scan_forward.or(space.forward).map_or(usual, |f| f.value);
+    let forward = forward.unwrap_or(usual);
     let forward = (forward - up * forward.dot(up)).try_normalize().unwrap_or_else(|| up.any_orthonormal_vector());
     let left = up.cross(forward);
     [("front", forward), ("left side", left), ("back", -forward), ("right side", -left)]
@@ -261,6 +376,13 @@ mod tests {
         let deep: Vec<(&str, usize)> = many.iter().map(String::as_str).zip((0..many.len()).rev()).collect();
         let marks = joints(&handles, &deep);
         assert!(marks[..5].iter().all(|m| m.name.is_empty()) && marks[5..].iter().all(|m| !m.name.is_empty()));
+    }
+
+    #[test]
+    fn landmarks_have_words() {
+        assert_eq!(joint_words(Joint::LeftHandTip), "left hand tip");
+        let ends: std::collections::HashSet<Joint> = BONES.into_iter().flat_map(|(a, b)| [a, b]).collect();
+        assert_eq!(ends.len(), Joint::COUNT, "each landmark is at the end of a line");
     }
 
     #[test]

@@ -152,6 +152,18 @@ pub struct Picture {
 }
 
 impl Picture {
+    /// This picture with another to its right, both from the top.
+    pub fn beside(self, right: &Picture) -> Picture {
+        let (width, height) = (self.width + right.width, self.height.max(right.height));
+        let mut pixels = vec![PAPER; width * height];
+        for (picture, left) in [(&self, 0), (right, self.width)] {
+            for (row, from) in picture.pixels.chunks_exact(picture.width.max(1)).enumerate() {
+                pixels[row * width + left..][..picture.width].copy_from_slice(from);
+            }
+        }
+        Picture { width, height, pixels }
+    }
+
     /// The bytes of a PNG file.
     ///
     /// Errors: a picture without pixels, or larger than PNG allows.

@@ -4,6 +4,7 @@ use super::{Found, triple};
 use crate::binding;
 use crate::capture::{self, Capture, MarkerTake, Motion, ReadOptions, Rest, SkeletonTake};
 use crate::cli::args::Inspect;
+use crate::cli::decisions::repairs_json;
 use crate::error::Result;
 use crate::space::Known;
 use crate::words;
@@ -102,7 +103,8 @@ pub(super) fn look(path: &Path, args: &Inspect) -> Result<Found> {
             "first_frame": clean.first_frame,
             "frames": kept.frames(),
             "ghosts": c.ghosts, "computed": c.computed, "other_subjects": c.other_subjects, "empty": c.empty, "copies": c.copies,
-            "renamed": c.renamed, "exchanged": c.exchanged, "jumps": c.jumps, "filled": c.filled, "left_open": c.left,
+            "renamed": c.renamed, "exchanged": c.exchanged, "jumps": c.jumps, "strays": c.strays,
+            "stuck": c.stuck, "filled": c.filled, "left_open": c.left, "repairs": repairs_json(&clean),
         },
     });
     let mut notes = clean.notes;
