@@ -201,6 +201,7 @@ impl Setup {
             frames: range.len(),
             places: self.binding.places().map(|(name, p)| (name.to_owned(), p)).collect(),
             up: self.binding.decisions.scan_up.map(|up| up.value),
+            metres: self.binding.decisions.scan_unit.map(|u| u.value.metres()),
             cancel,
         });
         console.station("solve", &solve_line(args));
