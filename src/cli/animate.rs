@@ -4,7 +4,7 @@ use super::args::Animate;
 use super::console::Console;
 use super::decisions::{
     bind_line, binding_details, binding_json, capture_line, cut, done_line, file_name, oriented_json, outcome_warnings,
-    scan_line, solve_line, unbound,
+    scan_line, solve_line, unbound, within,
 };
 use super::outputs;
 use super::picture::{self, Bound};
@@ -256,7 +256,7 @@ impl Setup {
             words::seconds(outcome.finish_ms / 1e3),
             report::peak_megabytes().map_or("unknown".into(), |mb| format!("{mb:.0} MB")),
         ));
-        Ok(())
+        args.fail_above.map_or(Ok(()), |limit| within(limit, &outcome, &names, metres))
     }
 
     fn report_head(&self, args: &Animate) -> Vec<(&'static str, Value)> {

@@ -75,6 +75,10 @@ pub struct Animate {
     /// Write measures of every frame and all decisions as JSON
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
+    /// Exit with 4 when a handle stays farther than this from its target in any frame, in mm (in the scan's unit where that is not known); the outputs
+    /// are written all the same
+    #[arg(long, value_name = "MM", value_parser = parse_positive)]
+    pub fail_above: Option<f64>,
     /// Draw the scan from four sides with the attachment points, markers and joints and their names, before the frames are solved
     #[arg(long, value_name = "FILE.png")]
     pub picture: Option<PathBuf>,
