@@ -2,7 +2,7 @@
 
     clients.py FOLDER [FRAMES]
 
-FOLDER holds a.glb, a.pc2, a.mdd, a.usda, a.abc and f_####.obj of one run (see clients.sh); bpy and usd-core are installed. Prints a row per format
+FOLDER holds a.glb, a.pc2, a.mdd, a.usdc, a.usda, a.abc and f_####.obj of one run (see clients.sh); bpy and usd-core are installed. Prints a row per format
 and client: whether the file opens, the frames compared (first, last and between), the worst difference to the PC2 in the scan's unit, seconds to
 open and evaluate. Exits with 1 when a file does not open or a cache is not equal to the PC2.
 """
@@ -147,6 +147,8 @@ CLIENTS = [
     (".pc2", BLENDER, "a.pc2", mesh_cache, True),
     (".mdd", BLENDER, "a.mdd", mesh_cache, True),
     (".abc", BLENDER, "a.abc", alembic, True),
+    (".usdc", BLENDER, "a.usdc", usd_in_blender, True),
+    (".usdc", USD, "a.usdc", usd_core, True),
     (".usda", BLENDER, "a.usda", usd_in_blender, True),
     (".usda", USD, "a.usda", usd_core, True),
     (".glb", BLENDER, "a.glb", glb, False),

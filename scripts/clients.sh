@@ -26,5 +26,5 @@ fi
 cargo build --release --quiet --bin retarget
 program=${CARGO_TARGET_DIR:-$root/target}/release/retarget
 (cd "$folder" && "$program" "$root/fixtures/scan.obj" "$root/fixtures/walk.c3d" --frames 5..124 --force \
-  -o a.glb -o a.pc2 -o a.mdd -o a.usda -o a.abc -o 'f_####.obj')
+  -o a.glb -o a.pc2 -o a.mdd -o a.usdc -o a.usda -o a.abc -o 'f_####.obj')
 "$folder/venv/bin/python" scripts/clients.py "$folder" "${FRAMES:-7}"

@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::cache_readers::{Abc, AbcObject, Usda, read_mdd, triples};
+use common::cache_readers::{Abc, AbcObject, Usda, Usdc, read_mdd, triples};
 use common::{fixture, read_pc2, retarget, retarget_ok};
 use glam::{DQuat, DVec3, Vec3};
 use retarget::error::Kind;
@@ -15,7 +15,7 @@ use retarget::surface::{NormalVertices, SurfaceMap};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, LazyLock};
 
-const NAMES: [&str; 4] = ["a.pc2", "a.mdd", "a.usda", "a.abc"];
+const NAMES: [&str; 5] = ["a.pc2", "a.mdd", "a.usda", "a.abc", "a.usdc"];
 
 /// First frame and number of frames of the run on the fixture.
 const FIRST: i64 = 5;
@@ -128,13 +128,60 @@ fn usd_holds_the_pc2_bit_for_bit_with_the_scan_once() {
         assert_eq!(subset.value("uniform token familyName"), "\"materialBind\"");
         assert_eq!(subset.value("rel material:binding"), format!("</scan/materials/{identifier}>"));
         let surface = usd.prim("Material", &identifier);
-        assert_eq!(surface.value("string name"), format!("\"{}\"", material.name));
+        assert_eq!(surface.value("custom string userProperties:name"), format!("\"{}\"", material.name));
     }
     // The texture is found from where the file is.
     let named = usd.prim("Material", "skin").value("asset inputs:file").trim_matches('@').to_owned();
     let found = ONE_RUN.path().join(named).canonicalize().unwrap();
     assert_eq!(found, fixture("scan_skin.png").canonicalize().unwrap());
     assert_eq!(usd.prim("GeomSubset", "body_head").value("uniform token familyName"), "\"group\"");
+}
+
+#[test]
+fn a_usd_crate_holds_the_pc2_bit_for_bit_and_what_the_text_says() {
+    let usd = Usdc::read(bytes("a.usdc"));
+    let text = String::from_utf8(bytes("a.usda")).unwrap();
+    let scan = retarget::scan::read(&fixture("scan.obj")).unwrap();
+    for (name, value) in [
+        ("startTimeCode", 5.0),
+        ("endTimeCode", 16.0),
+        ("timeCodesPerSecond", 120.0),
+        ("framesPerSecond", 120.0),
+        ("metersPerUnit", 1.0),
+    ] {
+        assert_eq!(usd.double("/", name), value, "{name}");
+    }
+    assert_eq!((usd.text("/", "upAxis"), usd.text("/", "defaultPrim")), ("Y", "scan"));
+    assert_eq!((usd.text("/scan", "typeName"), usd.text("/scan/mesh", "typeName")), ("Xform", "Mesh"));
+    let samples = usd.samples("/scan/mesh.points");
+    assert_eq!(samples.len(), FRAMES);
+    for (k, ((code, points), expected)) in samples.iter().zip(truth()).enumerate() {
+        assert!(*code == (FIRST + k as i64) as f64 && same_bits(points, &expected), "frame {code}");
+    }
+    for (path, name) in [("normals", "normal3f[] normals"), ("extent", "float3[] extent")] {
+        let of_text = Usda(&text).samples(name);
+        let samples = usd.samples(&format!("/scan/mesh.{path}"));
+        assert_eq!(samples.len(), FRAMES);
+        assert!(samples.iter().zip(&of_text).all(|(a, b)| a.0 == b.0 as f64 && same_bits(&a.1, &triples(&b.1))), "{path}");
+    }
+    assert_eq!(usd.integers("/scan/mesh.faceVertexIndices"), scan.mesh.faces.corners);
+    let counts: Vec<u32> = scan.mesh.faces.iter().map(|f| f.len() as u32).collect();
+    assert_eq!(usd.integers("/scan/mesh.faceVertexCounts"), counts);
+    assert_eq!(usd.text("/scan/mesh.normals", "interpolation"), "vertex");
+    for (m, material) in scan.look.materials.iter().enumerate() {
+        let identifier = material.name.replace(' ', "_");
+        let subset = format!("/scan/mesh/{identifier}");
+        let faces: Vec<u32> =
+            (0..scan.look.face_materials.len() as u32).filter(|&f| scan.look.face_materials[f as usize] == m as u32).collect();
+        assert_eq!(usd.integers(&format!("{subset}.indices")), faces);
+        assert_eq!(usd.target(&format!("{subset}.material:binding"), "targetPaths"), format!("/scan/materials/{identifier}"));
+        assert_eq!(usd.text(&format!("{subset}.userProperties:name"), "default"), material.name);
+    }
+    let skin = |rest: &str| format!("/scan/materials/skin/{rest}");
+    assert_eq!(usd.target(&skin("surface.inputs:diffuseColor"), "connectionPaths"), skin("base_color.outputs:rgb"));
+    let named = usd.text(&skin("base_color.inputs:file"), "default");
+    assert_eq!(ONE_RUN.path().join(named).canonicalize().unwrap(), fixture("scan_skin.png").canonicalize().unwrap());
+    assert_eq!(usd.text("/scan/mesh/body_head.familyName", "default"), "group");
 }
 
 #[test]
@@ -201,7 +248,7 @@ fn caches_are_the_same_bytes_for_any_number_of_threads() {
 #[test]
 fn caches_hold_a_whole_take_in_one_file_and_replace_nothing_unasked() {
     let folder = tempfile::tempdir().unwrap();
-    for ending in ["mdd", "usda", "abc"] {
+    for ending in ["mdd", "usda", "usdc", "abc"] {
         let name = format!("a.{ending}");
         let run = |name: &str| {
             retarget(folder.path(), [fixture("scan.obj").to_str().unwrap(), fixture("walk.c3d").to_str().unwrap(), "-o", name])
@@ -288,6 +335,7 @@ fn sinks(folder: &Path) -> Vec<(PathBuf, Box<dyn FrameSink>)> {
         (path("a.mdd"), Box::new(Mdd::new(&path("a.mdd")))),
         (path("a.usda"), Box::new(Usd::new(&path("a.usda")))),
         (path("a.abc"), Box::new(Alembic::new(&path("a.abc")))),
+        (path("a.usdc"), Box::new(Usd::new(&path("a.usdc")))),
     ]
 }
 
@@ -343,6 +391,14 @@ fn an_odd_scan_keeps_everything_in_every_cache() {
     assert_eq!(usd.prim("Material", "skin_tone_2").value("float inputs:opacity"), "0.5");
     assert_eq!(usd.value("asset inputs:file"), "@./a b.png@");
     assert!(!usd.has("uniform bool doubleSided"), "it is closed");
+
+    let usd = Usdc::read(std::fs::read(folder.path().join("a.usdc")).unwrap());
+    assert_eq!((usd.double("/", "metersPerUnit"), usd.double("/", "startTimeCode"), usd.text("/", "upAxis")), (0.001, -1.0, "Z"));
+    for (k, (code, points)) in usd.samples("/scan/mesh.points").iter().enumerate() {
+        assert!(*code == k as f64 - 1.0 && same_bits(points, &truth[k]));
+    }
+    assert_eq!(usd.integers("/scan/mesh.primvars:normals:indices"), split.corners);
+    assert_eq!(usd.integers("/scan/mesh/skin_tone_2.indices"), [1, 2, 3]);
 
     let abc = Abc::read(std::fs::read(folder.path().join("a.abc")).unwrap());
     assert!(abc.description.ends_with("a_b_c, unit mm, up +Z"), "{}", abc.description);
@@ -420,7 +476,7 @@ fn what_is_interrupted_leaves_nothing_and_replaces_nothing() {
     let mut left: Vec<String> =
         std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
     left.sort();
-    assert_eq!(left, ["a.abc", "a.mdd", "a.pc2", "a.usda"]);
+    assert_eq!(left, ["a.abc", "a.mdd", "a.pc2", "a.usda", "a.usdc"]);
     assert!(left.iter().all(|name| std::fs::read(folder.path().join(name)).unwrap() == b"before"));
 }
 

@@ -7,8 +7,7 @@ use crate::export::{
 };
 use std::path::{Path, PathBuf};
 
-const FORMATS: &str =
-    "one of .glb, .abc, .usda, .pc2, .mdd, or .ply or .obj with a run of # for the frame number, as in 'frames/f_####.ply'";
+const FORMATS: &str = "one of .glb, .abc, .usdc, .usda, .pc2, .mdd, or .ply or .obj with a run of # for the frame number, as in 'frames/f_####.ply'";
 
 /// The sinks of all outputs.
 ///
@@ -86,7 +85,7 @@ fn sink(path: &Path) -> Result<Box<dyn FrameSink>> {
     match (extension.as_str(), is_sequence(path)) {
         ("glb", false) => Ok(Box::new(GlbSink::new(path))),
         ("pc2", false) => Ok(Box::new(Pc2::new(path))),
-        ("usda", false) => Ok(Box::new(Usd::new(path))),
+        ("usda" | "usdc", false) => Ok(Box::new(Usd::new(path))),
         ("abc", false) => Ok(Box::new(Alembic::new(path))),
         ("mdd", false) => Ok(Box::new(Mdd::new(path))),
         ("ply", true) => Ok(Box::new(PlyFrames::new(path))),
@@ -99,7 +98,7 @@ fn sink(path: &Path) -> Result<Box<dyn FrameSink>> {
                 .expected("a run of # for the frame number")
                 .hint(format!("-o '{}'", pattern.display())))
         }
-        ("glb" | "pc2" | "mdd" | "usda" | "abc", true) => {
+        ("glb" | "pc2" | "mdd" | "usda" | "usdc" | "abc", true) => {
             Err(Error::new(Kind::Usage, format!("a .{extension} file holds the whole take"))
                 .file(path)
                 .expected("a name without #"))

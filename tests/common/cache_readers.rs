@@ -1,4 +1,4 @@
-//! Minimal readers of MDD, USD text and Alembic, written from the formats' descriptions and sharing nothing with the writers.
+//! Minimal readers of MDD, USD (text and crates) and Alembic, written from the formats' descriptions and sharing nothing with the writers.
 
 use std::collections::BTreeMap;
 
@@ -268,5 +268,213 @@ impl Abc {
         }
         assert_eq!(at, table.len());
         properties
+    }
+}
+
+/// A USD crate: the fields of every path.
+pub struct Usdc {
+    bytes: Vec<u8>,
+    tokens: Vec<String>,
+    strings: Vec<u32>,
+    paths: Vec<String>,
+    pub specs: BTreeMap<String, BTreeMap<String, u64>>,
+}
+
+impl Usdc {
+    pub fn read(bytes: Vec<u8>) -> Self {
+        assert_eq!(&bytes[..8], b"PXR-USDC");
+        let u64_at = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
+        let contents = u64_at(16);
+        let sections: BTreeMap<String, &[u8]> = (0..u64_at(contents))
+            .map(|k| {
+                let at = contents + 8 + 32 * k;
+                let name = String::from_utf8(bytes[at..at + 16].to_vec()).unwrap().trim_end_matches('\0').to_owned();
+                (name, &bytes[u64_at(at + 16)..][..u64_at(at + 24)])
+            })
+            .collect();
+        let mut section = Section(sections["TOKENS"]);
+        let (count, size) = (section.u64(), section.u64());
+        let texts = section.unpacked();
+        assert_eq!(texts.len(), size);
+        let tokens: Vec<String> = texts.split(|b| *b == 0).map(|t| String::from_utf8(t.to_vec()).unwrap()).take(count).collect();
+        let strings = sections["STRINGS"][8..].chunks_exact(4).map(|b| u32::from_le_bytes(b.try_into().unwrap())).collect();
+        let mut section = Section(sections["FIELDS"]);
+        let count = section.u64();
+        let names = section.integers(count);
+        let reps = section.unpacked();
+        let field = |k: usize| {
+            let rep = u64::from_le_bytes(reps[8 * k..8 * k + 8].try_into().unwrap());
+            (tokens[names[k] as usize].clone(), rep)
+        };
+        let mut section = Section(sections["FIELDSETS"]);
+        let count = section.u64();
+        let sets = section.integers(count);
+        let mut section = Section(sections["PATHS"]);
+        let (count, _) = (section.u64(), section.u64());
+        let [indices, elements, jumps] = [(); 3].map(|()| section.integers(count));
+        let mut paths = vec![String::new(); count];
+        // Places in the tree that are still to be walked, each with the path above it.
+        let mut open = vec![(0, None::<String>)];
+        while let Some((k, above)) = open.pop() {
+            let element = &tokens[elements[k].unsigned_abs() as usize];
+            let path = match &above {
+                None => "/".to_owned(),
+                Some(above) if elements[k] < 0 => format!("{above}.{element}"),
+                Some(above) => format!("{}/{element}", above.trim_end_matches('/')),
+            };
+            paths[indices[k] as usize] = path.clone();
+            match jumps[k] {
+                -2 => {}
+                -1 => open.push((k + 1, Some(path))),
+                0 => open.push((k + 1, above)),
+                jump => {
+                    open.push((k + jump as usize, above));
+                    open.push((k + 1, Some(path)));
+                }
+            }
+        }
+        let mut section = Section(sections["SPECS"]);
+        let count = section.u64();
+        let [of_path, of_set, _] = [(); 3].map(|()| section.integers(count));
+        let mut specs = BTreeMap::new();
+        for (path, set) in of_path.iter().zip(of_set) {
+            let fields = sets[set as usize..].iter().take_while(|f| **f != -1).map(|&f| field(f as usize)).collect();
+            assert!(specs.insert(paths[*path as usize].clone(), fields).is_none());
+        }
+        Self { tokens, strings, paths, specs, bytes }
+    }
+
+    fn rep(&self, path: &str, field: &str) -> u64 {
+        *self.specs.get(path).and_then(|s| s.get(field)).unwrap_or_else(|| panic!("no {field} of {path}"))
+    }
+
+    fn u64_at(&self, at: usize) -> u64 {
+        u64::from_le_bytes(self.bytes[at..at + 8].try_into().unwrap())
+    }
+
+    /// Token, text or asset.
+    pub fn text(&self, path: &str, field: &str) -> &str {
+        let rep = self.rep(path, field);
+        assert_eq!(rep >> 62, 1, "inlined");
+        match rep >> 48 & 0xFF {
+            10 => &self.tokens[self.strings[rep as u32 as usize] as usize],
+            11 | 12 => &self.tokens[rep as u32 as usize],
+            other => panic!("{path} {field} is of type {other}"),
+        }
+    }
+
+    pub fn double(&self, path: &str, field: &str) -> f64 {
+        let rep = self.rep(path, field);
+        assert_eq!(rep >> 48, 9);
+        f64::from_bits(self.u64_at((rep & 0xFFFF_FFFF_FFFF) as usize))
+    }
+
+    /// Bytes of the elements of an array.
+    fn array(&self, rep: u64, of: u64, width: usize) -> &[u8] {
+        assert_eq!(rep >> 48, 1 << 15 | of);
+        let at = (rep & 0xFFFF_FFFF_FFFF) as usize;
+        &self.bytes[at + 8..][..width * self.u64_at(at) as usize]
+    }
+
+    pub fn integers(&self, path: &str) -> Vec<u32> {
+        let values = self.array(self.rep(path, "default"), 3, 4);
+        values.chunks_exact(4).map(|b| u32::from_le_bytes(b.try_into().unwrap())).collect()
+    }
+
+    /// Time codes and points of an attribute.
+    pub fn samples(&self, path: &str) -> Vec<(f64, Vec<[f32; 3]>)> {
+        let rep = self.rep(path, "timeSamples");
+        assert_eq!(rep >> 48, 46);
+        let at = (rep & 0xFFFF_FFFF_FFFF) as usize;
+        let times_at = at + self.u64_at(at) as usize;
+        let times = self.u64_at(times_at);
+        assert_eq!(times >> 48, 48);
+        let times = (times & 0xFFFF_FFFF_FFFF) as usize;
+        let values = times_at + 8 + self.u64_at(times_at + 8) as usize;
+        assert_eq!(self.u64_at(times), self.u64_at(values));
+        let sample = |k: usize| {
+            let flat = self.array(self.u64_at(values + 8 + 8 * k), 24, 12);
+            let flat: Vec<f32> = flat.chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect();
+            (f64::from_bits(self.u64_at(times + 8 + 8 * k)), triples(&flat))
+        };
+        (0..self.u64_at(times) as usize).map(sample).collect()
+    }
+
+    /// The one path that a list of paths holds.
+    pub fn target(&self, path: &str, field: &str) -> &str {
+        let rep = self.rep(path, field);
+        assert_eq!(rep >> 48, 34);
+        let at = (rep & 0xFFFF_FFFF_FFFF) as usize;
+        assert_eq!((self.bytes[at], self.u64_at(at + 1)), (3, 1));
+        &self.paths[u32::from_le_bytes(self.bytes[at + 9..at + 13].try_into().unwrap()) as usize]
+    }
+}
+
+/// What is left of a section.
+struct Section<'a>(&'a [u8]);
+
+impl Section<'_> {
+    fn u64(&mut self) -> usize {
+        let (number, rest) = self.0.split_at(8);
+        self.0 = rest;
+        u64::from_le_bytes(number.try_into().unwrap()) as usize
+    }
+
+    /// The next block, unpacked: LZ4 after a byte that counts the chunks, none for one.
+    fn unpacked(&mut self) -> Vec<u8> {
+        let packed = self.u64();
+        let (block, rest) = self.0.split_at(packed);
+        self.0 = rest;
+        assert_eq!(block[0], 0);
+        let mut out = Vec::new();
+        let mut at = 1;
+        let length = |at: &mut usize, nibble: u8| {
+            let mut length = usize::from(nibble);
+            while length >= 15 && block[*at] == 255 {
+                length += 255;
+                *at += 1;
+            }
+            if nibble == 15 {
+                length += usize::from(block[*at]);
+                *at += 1;
+            }
+            length
+        };
+        while at < block.len() {
+            let token = block[at];
+            at += 1;
+            let literals = length(&mut at, token >> 4);
+            out.extend(&block[at..at + literals]);
+            at += literals;
+            if at < block.len() {
+                let back = usize::from(u16::from_le_bytes([block[at], block[at + 1]]));
+                at += 2;
+                for _ in 0..length(&mut at, token & 15) + 4 {
+                    out.push(out[out.len() - back]);
+                }
+            }
+        }
+        out
+    }
+
+    fn integers(&mut self, count: usize) -> Vec<i32> {
+        let mut block = self.unpacked();
+        let widths = block.split_off(4);
+        let common = i32::from_le_bytes(block.try_into().unwrap());
+        let (widths, mut deltas) = widths.split_at(count.div_ceil(4));
+        let mut value = 0i32;
+        let integers = (0..count).map(|k| {
+            let width = [0, 1, 2, 4][usize::from(widths[k / 4] >> (2 * (k % 4)) & 3)];
+            let (delta, rest) = deltas.split_at(width);
+            deltas = rest;
+            value = value.wrapping_add(match *delta {
+                [] => common,
+                [a] => i32::from(a as i8),
+                [a, b] => i32::from(i16::from_le_bytes([a, b])),
+                _ => i32::from_le_bytes(delta.try_into().unwrap()),
+            });
+            value
+        });
+        integers.collect()
     }
 }
