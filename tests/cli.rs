@@ -162,8 +162,8 @@ fn an_output_is_replaced_only_when_told_to() {
 fn a_result_above_the_limit_is_written_and_exits_with_4() {
     let work = tempfile::tempdir().unwrap();
     let text = retarget_ok(work.path(), short(&["-o", "a.pc2", "--fail-above", "500"]));
-    // "worst 1.35 mm (LSHO, frame 12)"
-    let (_, worst) = text.split_once(", worst ").unwrap();
+    // "done … worst 1.35 mm (LSHO, frame 12) …"
+    let (_, worst) = text.lines().last().and_then(|done| done.split_once(", worst ")).unwrap();
     let (worst, rest) = worst.split_once(" mm (").unwrap();
     let (marker, rest) = rest.split_once(", frame ").unwrap();
     let frame = rest.split(')').next().unwrap();
