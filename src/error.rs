@@ -24,6 +24,8 @@ pub enum Kind {
     Refused,
     /// An output that cannot be written.
     Unwritable,
+    /// The result is worse than the user allowed; the outputs are written nevertheless.
+    AboveLimit,
     /// The user asked to stop.
     Interrupted,
 }
@@ -108,11 +110,12 @@ impl Error {
         self
     }
 
-    /// The exit code of the program: 2 wrong arguments, 3 refused or ambiguous, 130 interrupted, 1 anything else.
+    /// The exit code of the program: 2 wrong arguments, 3 refused or ambiguous, 4 a result above a limit, 130 interrupted, 1 anything else.
     pub fn exit_code(&self) -> u8 {
         match self.kind {
             Kind::Usage => 2,
             Kind::Refused | Kind::Ambiguous => 3,
+            Kind::AboveLimit => 4,
             Kind::Interrupted => 130,
             _ => 1,
         }

@@ -159,6 +159,26 @@ fn an_output_is_replaced_only_when_told_to() {
 }
 
 #[test]
+fn a_result_above_the_limit_is_written_and_exits_with_4() {
+    let work = tempfile::tempdir().unwrap();
+    let text = retarget_ok(work.path(), short(&["-o", "a.pc2", "--fail-above", "500"]));
+    // "done … worst 1.35 mm (LSHO, frame 12) …"
+    let (_, worst) = text.lines().last().and_then(|done| done.split_once(", worst ")).unwrap();
+    let (worst, rest) = worst.split_once(" mm (").unwrap();
+    let (marker, rest) = rest.split_once(", frame ").unwrap();
+    let frame = rest.split(')').next().unwrap();
+    let limit = (worst.parse::<f64>().unwrap() * 0.9).to_string();
+    let output = retarget(work.path(), short(&["-o", "b.pc2", "--report", "b.json", "--fail-above", &limit]));
+    let said = said(&output);
+    assert_eq!(output.status.code(), Some(4), "{said}");
+    assert!(said.contains(&format!("error: {marker} stays {worst} mm from its target (frame {frame})")), "{said}");
+    assert!(said.contains(&format!("(--fail-above {limit})")), "{said}");
+    let bytes = |name: &str| std::fs::read(work.path().join(name)).unwrap();
+    assert!(bytes("a.pc2") == bytes("b.pc2") && work.path().join("b.json").exists());
+    assert_eq!(retarget(work.path(), short(&["-o", "c.pc2", "--fail-above", "0"])).status.code(), Some(2));
+}
+
+#[test]
 fn a_scan_that_is_no_person_is_refused_with_the_option_that_decides() {
     let work = tempfile::tempdir().unwrap();
     let mut cube = String::new();

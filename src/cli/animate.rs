@@ -4,7 +4,7 @@ use super::args::Animate;
 use super::console::Console;
 use super::decisions::{
     bind_line, binding_details, binding_json, capture_line, cut, done_line, file_name, oriented_json, outcome_warnings,
-    repair_details, repairs_json, scan_line, solve_line, unbound,
+    repair_details, repairs_json, scan_line, solve_line, unbound, within,
 };
 use super::outputs;
 use super::picture::{self, Bound, Unbound};
@@ -226,6 +226,7 @@ impl Setup {
             frames: range.len(),
             places: self.binding.places().map(|(name, p)| (name.to_owned(), p)).collect(),
             up: self.binding.decisions.scan_up.map(|up| up.value),
+            metres: self.binding.decisions.scan_unit.map(|u| u.value.metres()),
             cancel,
         });
         console.station("solve", &solve_line(args));
@@ -280,7 +281,7 @@ impl Setup {
             words::seconds(outcome.finish_ms / 1e3),
             report::peak_megabytes().map_or("unknown".into(), |mb| format!("{mb:.0} MB")),
         ));
-        Ok(())
+        args.fail_above.map_or(Ok(()), |limit| within(limit, &outcome, &names, metres))
     }
 
     fn report_head(&self, args: &Animate) -> Vec<(&'static str, Value)> {

@@ -73,7 +73,7 @@ pub struct Animate {
     /// The motion: markers in C3D, TRC or CSV; a skeleton in BVH, AMC, glTF, GLB or FBX (all also .gz); meshes that nodes move in glTF or GLB, or one
     /// of a sequence of meshes with running numbers; or a table of handles (see --handles) in a .csv file
     pub capture: PathBuf,
-    /// What to write; the extension is the format: .glb, .pc2, or .ply/.obj with a run of # for the frame number (repeatable)
+    /// What to write; the extension is the format: .glb, .abc, .usdc, .usda, .pc2, .mdd, or .ply/.obj with a run of # for the frame number (repeatable)
     #[arg(short, long = "out", value_name = "FILE", required = true)]
     pub out: Vec<PathBuf>,
     /// Replace outputs that exist
@@ -82,6 +82,10 @@ pub struct Animate {
     /// Write measures of every frame and all decisions as JSON
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
+    /// Exit with 4 when a handle stays farther than this from its target in any frame, in mm (in the scan's unit where that is not known); the outputs
+    /// are written all the same
+    #[arg(long, value_name = "MM", value_parser = parse_positive)]
+    pub fail_above: Option<f64>,
     /// Draw the scan from four sides with the attachment points, markers and joints and their names, before the frames are solved
     #[arg(long, value_name = "FILE.png")]
     pub picture: Option<PathBuf>,

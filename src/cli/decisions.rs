@@ -5,7 +5,7 @@ use super::args::Animate;
 use crate::binding::Binding;
 use crate::capture::{Capture, How};
 use crate::deform::{Grip, OrientedHandle};
-use crate::error::Notes;
+use crate::error::{Error, Kind, Notes, Result};
 use crate::export::Written;
 use crate::pipeline::Outcome;
 use crate::scan::{Scan, UnitBox};
@@ -231,15 +231,32 @@ fn length(scan_units: f64, metres: Option<f64>) -> String {
     }
 }
 
+/// A distance of handles to targets, in millimetres or, where the scan's unit is not known, in that.
+fn residual_words(residual: f64, metres: Option<f64>) -> String {
+    format!("{} {}", words::digits(residual), if metres.is_some() { "mm" } else { "units" })
+}
+
+/// Fails when the worst residual of the take is above the limit of `--fail-above`.
+pub(super) fn within(limit: f64, outcome: &Outcome, names: &[&str], metres: Option<f64>) -> Result<()> {
+    match outcome.worst {
+        Some((worst, handle, frame)) if worst > limit => {
+            let found = format!("{} stays {} from its target", names[handle], residual_words(worst, metres));
+            Err(Error::new(Kind::AboveLimit, found)
+                .at(format!("frame {frame}"))
+                .expected(format!("at most {} (--fail-above {limit}); the outputs are written", residual_words(limit, metres)))
+                .hint("--report FILE.json tells of every frame, --picture FILE.png shows where the handles sit"))
+        }
+        _ => Ok(()),
+    }
+}
+
 pub(super) fn done_line(outcome: &Outcome, total: f64, names: &[&str], metres: Option<f64>, diagonal: f64) -> String {
-    let residual =
-        |mm: f64| if metres.is_some() { format!("{} mm", words::digits(mm)) } else { format!("{} units", words::digits(mm)) };
     let mut parts = vec![words::seconds(total)];
     if let Some((worst, handle, frame)) = outcome.worst {
         parts.push(format!(
             "residual median {}, worst {} ({}, frame {frame})",
-            residual(outcome.residuals.quantile(0.5)),
-            residual(worst),
+            residual_words(outcome.residuals.quantile(0.5), metres),
+            residual_words(worst, metres),
             names[handle]
         ));
     }

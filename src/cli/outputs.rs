@@ -2,10 +2,12 @@
 
 use super::args::Animate;
 use crate::error::{Error, Kind, Result};
-use crate::export::{FrameSink, files, glb::GlbSink, obj::ObjFrames, pc2::Pc2, ply::PlyFrames};
+use crate::export::{
+    FrameSink, alembic::Alembic, files, glb::GlbSink, mdd::Mdd, obj::ObjFrames, pc2::Pc2, ply::PlyFrames, usd::Usd,
+};
 use std::path::{Path, PathBuf};
 
-const FORMATS: &str = "one of .glb, .pc2, or .ply or .obj with a run of # for the frame number, as in 'frames/f_####.ply'";
+const FORMATS: &str = "one of .glb, .abc, .usdc, .usda, .pc2, .mdd, or .ply or .obj with a run of # for the frame number, as in 'frames/f_####.ply'";
 
 /// The sinks of all outputs.
 ///
@@ -83,6 +85,9 @@ fn sink(path: &Path) -> Result<Box<dyn FrameSink>> {
     match (extension.as_str(), is_sequence(path)) {
         ("glb", false) => Ok(Box::new(GlbSink::new(path))),
         ("pc2", false) => Ok(Box::new(Pc2::new(path))),
+        ("usda" | "usdc", false) => Ok(Box::new(Usd::new(path))),
+        ("abc", false) => Ok(Box::new(Alembic::new(path))),
+        ("mdd", false) => Ok(Box::new(Mdd::new(path))),
         ("ply", true) => Ok(Box::new(PlyFrames::new(path))),
         ("obj", true) => Ok(Box::new(ObjFrames::new(path))),
         ("ply" | "obj", false) => {
@@ -93,9 +98,11 @@ fn sink(path: &Path) -> Result<Box<dyn FrameSink>> {
                 .expected("a run of # for the frame number")
                 .hint(format!("-o '{}'", pattern.display())))
         }
-        ("glb" | "pc2", true) => Err(Error::new(Kind::Usage, format!("a .{extension} file holds the whole take"))
-            .file(path)
-            .expected("a name without #")),
+        ("glb" | "pc2" | "mdd" | "usda" | "usdc" | "abc", true) => {
+            Err(Error::new(Kind::Usage, format!("a .{extension} file holds the whole take"))
+                .file(path)
+                .expected("a name without #"))
+        }
         _ => Err(Error::new(Kind::Usage, format!("unknown output format '.{extension}'")).file(path).expected(FORMATS)),
     }
 }

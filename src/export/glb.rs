@@ -22,6 +22,9 @@ mod geometry;
 mod looks;
 mod names;
 
+pub(super) use geometry::is_solid;
+pub(super) use looks::linear;
+
 use document::Content;
 use geometry::Geometry;
 

@@ -8,12 +8,18 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+pub mod alembic;
 pub mod encode;
 pub mod files;
 pub mod glb;
+pub mod mdd;
 pub mod obj;
+mod ogawa;
+mod parts;
 pub mod pc2;
 pub mod ply;
+mod single;
+pub mod usd;
 
 #[cfg(test)]
 mod round_trips;
@@ -57,6 +63,8 @@ pub struct Header {
     pub places: Vec<(String, DVec3)>,
     /// Direction up in the scan's space, if known.
     pub up: Option<DVec3>,
+    /// Length of the scan's unit in metres, if known.
+    pub metres: Option<f64>,
     /// Stops long work.
     pub cancel: Cancel,
 }

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 pub mod c3d_writer;
+pub mod cache_readers;
 
 /// The folder of real captures and meshes, where it is present: beside the project, or where `RETARGET_SHARED` says.
 pub fn shared() -> Option<PathBuf> {

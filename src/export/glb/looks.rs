@@ -103,10 +103,14 @@ fn describe(material: &Material, double_sided: bool, clear: bool, base: Option<u
     value
 }
 
+/// Linear light of a stored channel, which is sRGB.
+pub(crate) fn linear(c: f32) -> f32 {
+    if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+}
+
 /// A stored colour as glTF wants it: linear light in 16 bits. What the file stores is sRGB; alpha is linear already.
 pub(crate) fn linear_color(color: [f32; 4]) -> [u16; 4] {
     let step = |x: f32| (x.clamp(0.0, 1.0) * 65535.0).round() as u16;
-    let linear = |c: f32| if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) };
     [step(linear(color[0])), step(linear(color[1])), step(linear(color[2])), step(color[3])]
 }
 

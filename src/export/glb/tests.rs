@@ -99,6 +99,7 @@ fn header(shift: DVec3) -> Arc<Header> {
         first_frame: 50,
         frames: FRAMES,
         up: Some(DVec3::Y),
+        metres: None,
         cancel: Cancel::default(),
     })
 }

@@ -1,0 +1,218 @@
+//! The stage as a tree of prims: one mesh with its materials, before it is text or a crate.
+
+use super::material;
+use crate::error::Notes;
+use crate::export::Header;
+use crate::export::glb::{is_solid, linear};
+use crate::export::parts::{self, Identifiers, Part};
+use crate::scan::Scan;
+use crate::space::Axis;
+use crate::surface::NormalVertices;
+use std::path::Path;
+
+/// A value that is written once.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Value {
+    Token(String),
+    Text(String),
+    Asset(String),
+    Bool(bool),
+    Float(f32),
+    Double(f64),
+    Vector3([f32; 3]),
+    Vector4([f32; 4]),
+    Integers(Vec<u32>),
+    Floats(Vec<f32>),
+    Vectors2(Vec<[f32; 2]>),
+    Vectors3(Vec<[f32; 3]>),
+}
+
+impl Value {
+    pub(super) fn token(text: &str) -> Self {
+        Self::Token(text.to_owned())
+    }
+}
+
+/// An attribute with a value in every frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Track {
+    Points,
+    Normals,
+    Extent,
+}
+
+/// What a property says.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Content {
+    /// That it is there.
+    Nothing,
+    Value(Value),
+    Samples(Track),
+    /// Path of the attribute that it takes its value from.
+    Connection(String),
+    /// Path of the prim that a relationship leads to.
+    Target(String),
+}
+
+/// A property of a prim.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Property {
+    pub(super) name: String,
+    /// Its type, such as `point3f[]`; `rel` for a relationship.
+    pub(super) of: &'static str,
+    pub(super) uniform: bool,
+    /// Whether no schema knows it.
+    pub(super) custom: bool,
+    pub(super) interpolation: Option<&'static str>,
+    pub(super) content: Content,
+}
+
+impl Property {
+    pub(super) fn new(of: &'static str, name: impl Into<String>, content: Content) -> Self {
+        Self { name: name.into(), of, uniform: false, custom: false, interpolation: None, content }
+    }
+
+    pub(super) fn value(of: &'static str, name: impl Into<String>, value: Value) -> Self {
+        Self::new(of, name, Content::Value(value))
+    }
+
+    pub(super) fn uniform(mut self) -> Self {
+        self.uniform = true;
+        self
+    }
+
+    /// A name as the scan's file has it, where an identifier cannot be that.
+    pub(super) fn name_in_the_scan(name: &str) -> Self {
+        let property = Self::value("string", "userProperties:name", Value::Text(name.to_owned()));
+        Self { custom: true, ..property }
+    }
+
+    fn over(mut self, interpolation: &'static str) -> Self {
+        self.interpolation = Some(interpolation);
+        self
+    }
+}
+
+/// A prim.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Prim {
+    pub(super) name: String,
+    pub(super) kind: &'static str,
+    /// Whether a material is bound to it or to parts of it.
+    pub(super) binds: bool,
+    pub(super) properties: Vec<Property>,
+    pub(super) children: Vec<Prim>,
+}
+
+/// Everything but the samples.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Layer {
+    /// Metadata of the layer, by name.
+    pub(super) metadata: Vec<(&'static str, Value)>,
+    pub(super) root: Prim,
+}
+
+/// The stage of a scan; `folder`: of the file, from which textures are named.
+pub(super) fn layer(header: &Header, normals: &NormalVertices, folder: &Path, notes: &mut Notes) -> Layer {
+    let scan = &*header.scan;
+    let mut identifiers = Identifiers::default();
+    let materials: Vec<(String, Part)> = parts::materials(scan).into_iter().map(|m| (identifiers.of(&m.name), m)).collect();
+    let mut children: Vec<Prim> = material::scope(scan, &materials, folder, notes).into_iter().collect();
+    children.push(mesh(scan, normals, &materials, &mut identifiers));
+    let root = Prim { name: "scan".to_owned(), kind: "Xform", children, ..Prim::default() };
+    Layer { metadata: metadata(header, notes), root }
+}
+
+fn metadata(header: &Header, notes: &mut Notes) -> Vec<(&'static str, Value)> {
+    let last = header.first_frame + header.frames as i64 - 1;
+    let mut all = vec![
+        ("defaultPrim", Value::token("scan")),
+        ("documentation", Value::Text("written by retarget".to_owned())),
+        ("endTimeCode", Value::Double(last as f64)),
+        ("framesPerSecond", Value::Double(header.rate)),
+    ];
+    match header.metres {
+        Some(metres) => all.push(("metersPerUnit", Value::Double(metres))),
+        None => notes.warn("USD: the scan's unit is not known, so the file states none: readers take centimetres"),
+    }
+    all.push(("startTimeCode", Value::Double(header.first_frame as f64)));
+    all.push(("timeCodesPerSecond", Value::Double(header.rate)));
+    match header.up.map(Axis::nearest) {
+        Some(Axis { index: index @ 1..=2, negative: false }) => all.push(("upAxis", Value::token(["X", "Y", "Z"][index]))),
+        up => {
+            let up = up.map_or("not known".to_owned(), |axis| axis.to_string());
+            notes.warn(format!("USD: up is {up}, which the format cannot state: readers take Y"));
+        }
+    }
+    all
+}
+
+/// Whether hard edges give vertices several normals; else the first ones are those of the vertices.
+pub(super) fn split(scan: &Scan, normals: &NormalVertices) -> bool {
+    normals.vertices.len() > scan.mesh.positions.len()
+}
+
+fn mesh(scan: &Scan, normals: &NormalVertices, materials: &[(String, Part)], identifiers: &mut Identifiers) -> Prim {
+    let faces = &scan.mesh.faces;
+    let mut all = vec![Property::value("token", "subdivisionScheme", Value::token("none")).uniform()];
+    if !is_solid(scan) {
+        all.push(Property::value("bool", "doubleSided", Value::Bool(true)).uniform());
+    }
+    let counts = faces.iter().map(|f| f.len() as u32).collect();
+    all.push(Property::value("int[]", "faceVertexCounts", Value::Integers(counts)));
+    all.push(Property::value("int[]", "faceVertexIndices", Value::Integers(faces.corners.clone())));
+    if let Some((values, indices)) = parts::corner_uvs(scan) {
+        all.push(Property::value("texCoord2f[]", "primvars:st", Value::Vectors2(values)).over("faceVarying"));
+        all.push(Property::value("int[]", "primvars:st:indices", Value::Integers(indices)));
+    }
+    let colors = &scan.look.colors;
+    if !colors.is_empty() {
+        let values = colors.iter().map(|c| [c[0], c[1], c[2]].map(linear)).collect();
+        all.push(Property::value("color3f[]", "primvars:displayColor", Value::Vectors3(values)).over("vertex"));
+    }
+    if scan.look.colors_have_alpha {
+        let values = colors.iter().map(|c| c[3]).collect();
+        all.push(Property::value("float[]", "primvars:displayOpacity", Value::Floats(values)).over("vertex"));
+    }
+    all.push(Property::new("point3f[]", "points", Content::Samples(Track::Points)));
+    let samples = Content::Samples(Track::Normals);
+    if split(scan, normals) {
+        all.push(Property::value("int[]", "primvars:normals:indices", Value::Integers(normals.corners.clone())));
+        all.push(Property::new("normal3f[]", "primvars:normals", samples).over("faceVarying"));
+    } else {
+        all.push(Property::new("normal3f[]", "normals", samples).over("vertex"));
+    }
+    all.push(Property::new("float3[]", "extent", Content::Samples(Track::Extent)));
+    let mut children = Vec::new();
+    let mut family = |name: &str| {
+        let family = format!("subsetFamily:{name}:familyType");
+        all.push(Property::value("token", family, Value::token("nonOverlapping")).uniform());
+    };
+    if !materials.is_empty() {
+        family("materialBind");
+    }
+    for (identifier, part) in materials {
+        let mut prim = subset(identifier.clone(), part, "materialBind");
+        prim.binds = true;
+        let target = Content::Target(format!("/scan/materials/{identifier}"));
+        prim.properties.push(Property::new("rel", "material:binding", target));
+        children.push(prim);
+    }
+    let groups = parts::groups(scan);
+    if !groups.is_empty() {
+        family("group");
+    }
+    children.extend(groups.iter().map(|part| subset(identifiers.of(&part.name), part, "group")));
+    Prim { name: "mesh".to_owned(), kind: "Mesh", binds: !materials.is_empty(), properties: all, children }
+}
+
+/// Some of the faces.
+fn subset(name: String, part: &Part, family: &str) -> Prim {
+    let properties = vec![
+        Property::name_in_the_scan(&part.name),
+        Property::value("token", "elementType", Value::token("face")).uniform(),
+        Property::value("token", "familyName", Value::token(family)).uniform(),
+        Property::value("int[]", "indices", Value::Integers(part.faces.clone())),
+    ];
+    Prim { name, kind: "GeomSubset", properties, ..Prim::default() }
+}
