@@ -2,10 +2,10 @@
 
 use super::args::Animate;
 use crate::error::{Error, Kind, Result};
-use crate::export::{FrameSink, files, glb::GlbSink, obj::ObjFrames, pc2::Pc2, ply::PlyFrames};
+use crate::export::{FrameSink, files, glb::GlbSink, obj::ObjFrames, page::PageSink, pc2::Pc2, ply::PlyFrames, stills::Stills};
 use std::path::{Path, PathBuf};
 
-const FORMATS: &str = "one of .glb, .pc2, or .ply or .obj with a run of # for the frame number, as in 'frames/f_####.ply'";
+const FORMATS: &str = "one of .glb, .pc2, .html (a page that plays), .png (a sheet of frames), .apng (an animation), or .ply or .obj with a run of # for the frame number, as in 'frames/f_####.ply'";
 
 /// The sinks of all outputs.
 ///
@@ -82,6 +82,9 @@ fn sink(path: &Path) -> Result<Box<dyn FrameSink>> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     match (extension.as_str(), is_sequence(path)) {
         ("glb", false) => Ok(Box::new(GlbSink::new(path))),
+        ("html", false) => Ok(Box::new(PageSink::new(path))),
+        ("png", false) => Ok(Box::new(Stills::sheet(path))),
+        ("apng", false) => Ok(Box::new(Stills::preview(path))),
         ("pc2", false) => Ok(Box::new(Pc2::new(path))),
         ("ply", true) => Ok(Box::new(PlyFrames::new(path))),
         ("obj", true) => Ok(Box::new(ObjFrames::new(path))),
@@ -93,9 +96,11 @@ fn sink(path: &Path) -> Result<Box<dyn FrameSink>> {
                 .expected("a run of # for the frame number")
                 .hint(format!("-o '{}'", pattern.display())))
         }
-        ("glb" | "pc2", true) => Err(Error::new(Kind::Usage, format!("a .{extension} file holds the whole take"))
-            .file(path)
-            .expected("a name without #")),
+        ("glb" | "html" | "png" | "apng" | "pc2", true) => {
+            Err(Error::new(Kind::Usage, format!("a .{extension} file holds the whole take"))
+                .file(path)
+                .expected("a name without #"))
+        }
         _ => Err(Error::new(Kind::Usage, format!("unknown output format '.{extension}'")).file(path).expected(FORMATS)),
     }
 }

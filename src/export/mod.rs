@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Kind, Notes, Result};
 use crate::proxy::Proxy;
+use crate::report::FrameMeasure;
 use crate::scan::{Scan, UnitBox};
 use glam::DVec3;
 use std::path::PathBuf;
@@ -12,8 +13,10 @@ pub mod encode;
 pub mod files;
 pub mod glb;
 pub mod obj;
+pub mod page;
 pub mod pc2;
 pub mod ply;
+pub mod stills;
 
 #[cfg(test)]
 mod round_trips;
@@ -74,6 +77,23 @@ pub struct FrameBatch<'a> {
     pub normals: &'a [Vec<[f32; 3]>],
 }
 
+/// What was measured of some consecutive frames, and where their handles are and should be.
+#[derive(Clone, Copy, Debug)]
+pub struct Measures<'a> {
+    /// One per frame.
+    pub frames: &'a [FrameMeasure],
+    /// Names of the handles; those that turn come after the others.
+    pub names: &'a [String],
+    /// Where the handles hold the body at rest, in the unit box.
+    pub rest: &'a [DVec3],
+    /// Where they hold it, in the unit box, one array per frame.
+    pub holds: &'a [Vec<DVec3>],
+    /// Where they should be, in the unit box, one array per frame; not a number where one is missing.
+    pub targets: &'a [Vec<DVec3>],
+    /// Length of the scan's unit in metres, if known: residuals are in millimetres then, in the scan's unit otherwise.
+    pub metres: Option<f64>,
+}
+
 /// What a sink wants computed for it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Needs {
@@ -114,6 +134,11 @@ pub trait FrameSink: Send {
 
     /// Takes the next frames.
     fn frames(&mut self, batch: &FrameBatch<'_>) -> Result<()>;
+
+    /// Is told what was measured of the frames that it gets next.
+    fn measured(&mut self, _measures: &Measures<'_>) -> Result<()> {
+        Ok(())
+    }
 
     /// Completes the file and puts it in place of the target.
     fn finish(self: Box<Self>) -> Result<Written>;
