@@ -38,6 +38,7 @@ pub struct GlbSink {
 
 #[derive(Debug)]
 struct Open {
+    // Dropped in this order: the poses go before the folder.
     poses: Poses,
     file: Pending,
 }
@@ -67,7 +68,9 @@ impl FrameSink for GlbSink {
     }
 
     fn begin(&mut self, header: &Arc<Header>) -> Result<()> {
-        self.open = Some(Open { poses: Poses::new(&self.path, header)?, file: Pending::create(&self.path)? });
+        // The file first: it makes the folder.
+        let file = Pending::create(&self.path)?;
+        self.open = Some(Open { poses: Poses::new(&self.path, header)?, file });
         Ok(())
     }
 

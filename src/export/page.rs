@@ -41,9 +41,10 @@ pub struct PageSink {
 #[derive(Debug)]
 struct Open {
     header: Arc<Header>,
+    // Dropped in this order: the poses and the measures go before the folder.
     poses: Poses,
-    file: Pending,
     measured: Measured,
+    file: Pending,
 }
 
 /// What was measured so far. Numbers of a frame are kept in memory, places of handles on disk.
@@ -81,12 +82,10 @@ impl FrameSink for PageSink {
     }
 
     fn begin(&mut self, header: &Arc<Header>) -> Result<()> {
-        self.open = Some(Open {
-            header: header.clone(),
-            poses: Poses::new(&self.path, header)?,
-            file: Pending::create(&self.path)?,
-            measured: Measured::default(),
-        });
+        // The file first: it makes the folder.
+        let file = Pending::create(&self.path)?;
+        let poses = Poses::new(&self.path, header)?;
+        self.open = Some(Open { header: header.clone(), poses, measured: Measured::default(), file });
         Ok(())
     }
 
@@ -101,7 +100,7 @@ impl FrameSink for PageSink {
 
     fn finish(mut self: Box<Self>) -> Result<Written> {
         let path = self.path;
-        let Some(Open { header, poses, mut file, measured }) = self.open.take() else {
+        let Some(Open { header, poses, measured, mut file }) = self.open.take() else {
             return Err(Error::refused("no frames").file(&path));
         };
         let unwritable = |e: std::io::Error| Error::unwritable(&path, &e);

@@ -23,8 +23,8 @@ const SHEET_SIZE: usize = 360;
 const FPS: f64 = 15.0;
 /// Longer side in pixels.
 const PREVIEW_SIZE: usize = 480;
-/// Pictures of an animation at most: of more than 40 s there are fewer per second.
-const MOST: usize = 600;
+/// Pictures of an animation at most: of more than 20 s there are fewer per second.
+const MOST: usize = 300;
 /// Frames that are mapped together.
 const TOGETHER: usize = 8;
 /// The camera stands where the whole way is in view if that is at most so many times larger than the way about the body, and follows the body otherwise.
@@ -53,12 +53,13 @@ pub struct Stills {
 #[derive(Debug)]
 struct Open {
     header: Arc<Header>,
-    file: Pending,
     /// Frames that are shown, counted from 0, ascending.
     chosen: Vec<usize>,
     /// Pictures per second.
     fps: f64,
+    // Dropped in this order: the poses go before the folder.
     spool: Spool,
+    file: Pending,
 }
 
 impl Stills {
@@ -88,7 +89,7 @@ impl FrameSink for Stills {
             Form::Sheet => (spread(header.frames, SHEET), header.rate),
             Form::Preview => in_time(header.frames, header.rate),
         };
-        self.open = Some(Open { header: header.clone(), file, chosen, fps, spool });
+        self.open = Some(Open { header: header.clone(), chosen, fps, spool, file });
         Ok(())
     }
 
@@ -107,7 +108,7 @@ impl FrameSink for Stills {
         let Some(open) = self.open.take().filter(|o| o.spool.frames() > 0) else {
             return Err(Error::refused("no frames").file(&path));
         };
-        let Open { header, mut file, chosen, fps, spool } = open;
+        let Open { header, chosen, fps, spool, mut file } = open;
         let mut notes = Notes::default();
         let paint = Paint::of(&header.scan, &mut notes);
         let shot = Shot { header: &header, spool: &spool, paint: &paint };
@@ -305,10 +306,8 @@ impl Default for Window {
 
 impl Window {
     fn add(&mut self, p: [f64; 2]) {
-        for k in 0..2 {
-            self.lo[k] = self.lo[k].min(p[k]);
-            self.hi[k] = self.hi[k].max(p[k]);
-        }
+        self.lo = [self.lo[0].min(p[0]), self.lo[1].min(p[1])];
+        self.hi = [self.hi[0].max(p[0]), self.hi[1].max(p[1])];
     }
 
     fn largest(&self) -> f64 {

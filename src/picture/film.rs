@@ -153,6 +153,7 @@ impl<W: std::io::Write> Animation<W> {
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);
         encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+        encoder.set_compression(png::Compression::High);
         encoder.set_animated(small(pictures), 0).map_err(failed)?;
         let (numerator, denominator) = if fps.fract() == 0.0 { (1, fps as u16) } else { ((1000.0 / fps).round() as u16, 1000) };
         encoder.set_frame_delay(numerator, denominator).map_err(failed)?;

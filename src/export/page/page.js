@@ -477,7 +477,7 @@ class Camera {
 
   /** Looks at a ball from the front, a little from the side and from above. */
   frame(target, radius) {
-    Object.assign(this, { target, yaw: 0.5, pitch: 0.2, distance: (0.85 * radius) / Math.sin(FIELD / 2) });
+    Object.assign(this, { target, yaw: 0.5, pitch: 0.2, distance: (0.78 * radius) / Math.sin(FIELD / 2) });
   }
 
   axes() {
@@ -663,7 +663,7 @@ function start() {
   const way = survey(model, camera.up);
   let asked = 0, before = 0, base = [0, 0, 0], residuals = new Float32Array(Math.max(handles.names.length, 1));
   state.limit = Math.max(...run.max, 1e-9);
-  state.follow = way.radius > 2.2 * way.body;
+  state.follow = way.radius > 1.6 * way.body;
   state.floor = grid(camera, way);
 
   const redraw = () => {
@@ -673,7 +673,7 @@ function start() {
 
   function reset() {
     base = model.pose(state.time);
-    camera.frame(state.follow ? base : way.middle, state.follow ? way.body : way.radius);
+    camera.frame(state.follow ? base : way.middle, state.follow ? 1.2 * way.body : way.radius);
     redraw();
   }
 

@@ -115,11 +115,11 @@ fn a_page_tells_what_was_measured() {
 fn a_page_is_whole_or_absent() {
     let folder = tempfile::tempdir().unwrap();
     let header = header(DVec3::ZERO);
-    let mut sink = PageSink::new(folder.path().join("a.html"));
+    let mut sink = PageSink::new(folder.path().join("new/a.html"));
     sink.begin(&header).unwrap();
     sink.frames(&FrameBatch { first: 0, proxy: &[pose(&header, 0)], points: &[], normals: &[] }).unwrap();
     drop(sink);
-    let mut empty: Box<dyn FrameSink> = Box::new(PageSink::new(folder.path().join("a.html")));
+    let mut empty: Box<dyn FrameSink> = Box::new(PageSink::new(folder.path().join("new/a.html")));
     empty.begin(&header).unwrap();
     assert!(empty.finish().unwrap_err().to_string().contains("no frames"));
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);

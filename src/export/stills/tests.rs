@@ -75,6 +75,24 @@ fn a_sheet_has_the_size_that_is_said_and_pictures_that_differ() {
 }
 
 #[test]
+fn pictures_are_whole_or_absent() {
+    let folder = tempfile::tempdir().unwrap();
+    let header = header(DVec3::ZERO);
+    for form in [Stills::sheet, Stills::preview] {
+        let mut sink = form(folder.path().join("new/a"));
+        sink.begin(&header).unwrap();
+        sink.frames(&FrameBatch { first: 0, proxy: &[pose(&header, 0)], points: &[], normals: &[] }).unwrap();
+        drop(sink);
+        let mut stopped: Box<dyn FrameSink> = Box::new(form(folder.path().join("new/a")));
+        stopped.begin(&header).unwrap();
+        stopped.frames(&FrameBatch { first: 0, proxy: &[pose(&header, 0)], points: &[], normals: &[] }).unwrap();
+        header.cancel.cancel();
+        assert_eq!(stopped.finish().unwrap_err().kind, crate::error::Kind::Interrupted);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+}
+
+#[test]
 fn frames_are_chosen_evenly_from_first_to_last() {
     assert_eq!(spread(372, 12), [0, 34, 67, 101, 135, 169, 202, 236, 270, 304, 337, 371]);
     assert_eq!(spread(3, 12), [0, 1, 2]);
@@ -83,7 +101,7 @@ fn frames_are_chosen_evenly_from_first_to_last() {
     assert_eq!(in_time(20, 120.0), (vec![0, 8, 16], 15.0));
     assert_eq!(in_time(5, 25.0), (vec![0, 2, 3], 15.0));
     let (long, fps) = in_time(120 * 100, 120.0);
-    assert_eq!((long.len(), fps), (MOST, 6.0));
+    assert_eq!((long.len(), fps), (MOST, 3.0));
 }
 
 #[test]
