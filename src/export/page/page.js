@@ -602,6 +602,7 @@ class Plot {
 
   draw(time) {
     if (this.canvas.clientWidth !== this.width || (devicePixelRatio || 1) !== this.ratio) this.prepare();
+    if (this.paper.width === 0 || this.paper.height === 0) return; // a page that is not shown yet
     const g = this.canvas.getContext("2d");
     g.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     g.clearRect(0, 0, this.width, this.height);
