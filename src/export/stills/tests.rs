@@ -63,7 +63,7 @@ fn a_preview_shows_the_whole_take_in_its_time() {
 }
 
 #[test]
-fn a_sheet_has_the_size_that_is_said_and_pictures_that_differ() {
+fn a_sheet_has_the_size_that_is_said() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.png");
     let written = write(&header(DVec3::ZERO), Box::new(Stills::sheet(&path)));
