@@ -10,7 +10,7 @@ use crate::binding::Binding;
 use crate::capture::MarkerTake;
 use crate::deform::{Deformer, ERROR_PER_STEP, Handle, OrientedHandle, Targets};
 use crate::error::{Error, Kind, Result};
-use crate::export::{FrameBatch, FrameSink, Header, Needs, Written};
+use crate::export::{FrameBatch, FrameSink, Header, Measures, Needs, Written};
 use crate::report::{FrameMeasure, ReportWriter, Residual, Spread};
 use crate::surface::NormalVertices;
 use fading::Fading;
@@ -142,6 +142,8 @@ impl std::fmt::Display for Frames {
 struct Batch {
     first: usize,
     measures: Vec<FrameMeasure>,
+    holds: Vec<Vec<DVec3>>,
+    targets: Vec<Vec<DVec3>>,
     proxy: Vec<Vec<DVec3>>,
     points: Vec<Vec<[f32; 3]>>,
     normals: Vec<Vec<[f32; 3]>>,
@@ -166,6 +168,11 @@ pub fn run(mut job: Job<'_>, progress: &(dyn Fn(Progress) + Sync)) -> Result<Out
         sinks: std::mem::take(&mut job.sinks),
         report: job.report.take(),
         names: job.handles.iter().map(|h| h.name.clone()).chain(job.oriented.iter().map(|h| h.name.clone())).collect(),
+        rest: {
+            let points = job.handles.iter().map(|h| h.row.apply(&job.header.proxy.rest));
+            points.chain(job.oriented.iter().map(|h| h.rest)).collect()
+        },
+        metres: job.metres,
         map_ms: 0.0,
         write_ms: 0.0,
     };
@@ -300,9 +307,12 @@ impl<'a> Solver<'a> {
             }
             if batch.proxy.len() <= slot {
                 batch.proxy.push(Vec::new());
+                batch.holds.push(Vec::new());
+                batch.targets.push(Vec::new());
             }
             batch.proxy[slot].clear();
             batch.proxy[slot].extend_from_slice(self.job.deformer.pose());
+            self.handles(&mut batch.holds[slot], &mut batch.targets[slot]);
             batch.measures.push(measure);
             self.note(&measure);
             (self.progress)(Progress::Frames(self.outcome.frames));
@@ -356,6 +366,20 @@ impl<'a> Solver<'a> {
             residual.median = median;
         }
         residual
+    }
+
+    /// Where all handles hold the body, and where they should be.
+    fn handles(&self, holds: &mut Vec<DVec3>, targets: &mut Vec<DVec3>) {
+        let pose = self.job.deformer.pose();
+        holds.clear();
+        targets.clear();
+        holds.extend(self.job.handles.iter().map(|h| h.row.apply(pose)));
+        let places = self.targets.positions.iter().zip(&self.present);
+        targets.extend(places.map(|(target, present)| if *present { *target } else { DVec3::NAN }));
+        for (hold, target) in self.oriented.places(pose) {
+            holds.push(hold);
+            targets.push(target.unwrap_or(DVec3::NAN));
+        }
     }
 
     fn note(&mut self, m: &FrameMeasure) {
@@ -424,6 +448,9 @@ struct Writer {
     sinks: Vec<Box<dyn FrameSink>>,
     report: Option<ReportWriter>,
     names: Vec<String>,
+    /// Where the handles hold the body at rest.
+    rest: Vec<DVec3>,
+    metres: Option<f64>,
     map_ms: f64,
     write_ms: f64,
 }
@@ -438,7 +465,16 @@ impl Writer {
             points: &batch.points[..frames.min(batch.points.len())],
             normals: &batch.normals[..frames.min(batch.normals.len())],
         };
+        let measures = Measures {
+            frames: &batch.measures,
+            names: &self.names,
+            rest: &self.rest,
+            holds: &batch.holds[..frames],
+            targets: &batch.targets[..frames],
+            metres: self.metres,
+        };
         for sink in &mut self.sinks {
+            sink.measured(&measures)?;
             sink.frames(&out)?;
         }
         let write_ms = start.elapsed().as_secs_f64() * 1e3;

@@ -151,7 +151,7 @@ impl ReportWriter {
 }
 
 /// Six significant digits: more is noise, and shorter lines.
-fn rounded(x: f64) -> Value {
+pub(crate) fn rounded(x: f64) -> Value {
     if !x.is_finite() {
         return Value::Null;
     }

@@ -3,11 +3,12 @@
 use super::args::Animate;
 use crate::error::{Error, Kind, Result};
 use crate::export::{
-    FrameSink, alembic::Alembic, files, glb::GlbSink, mdd::Mdd, obj::ObjFrames, pc2::Pc2, ply::PlyFrames, usd::Usd,
+    FrameSink, alembic::Alembic, files, glb::GlbSink, mdd::Mdd, obj::ObjFrames, page::PageSink, pc2::Pc2, ply::PlyFrames,
+    stills::Stills, usd::Usd,
 };
 use std::path::{Path, PathBuf};
 
-const FORMATS: &str = "one of .glb, .abc, .usdc, .usda, .pc2, .mdd, or .ply or .obj with a run of # for the frame number, as in 'frames/f_####.ply'";
+const FORMATS: &str = "one of .glb, .abc, .usdc, .usda, .pc2, .mdd, .html (a page that plays), .png (a sheet of frames), .apng (an animation), or .ply or .obj with a run of # for the frame number, as in 'frames/f_####.ply'";
 
 /// The sinks of all outputs.
 ///
@@ -84,6 +85,9 @@ fn sink(path: &Path) -> Result<Box<dyn FrameSink>> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     match (extension.as_str(), is_sequence(path)) {
         ("glb", false) => Ok(Box::new(GlbSink::new(path))),
+        ("html", false) => Ok(Box::new(PageSink::new(path))),
+        ("png", false) => Ok(Box::new(Stills::sheet(path))),
+        ("apng", false) => Ok(Box::new(Stills::preview(path))),
         ("pc2", false) => Ok(Box::new(Pc2::new(path))),
         ("usda" | "usdc", false) => Ok(Box::new(Usd::new(path))),
         ("abc", false) => Ok(Box::new(Alembic::new(path))),
@@ -98,7 +102,7 @@ fn sink(path: &Path) -> Result<Box<dyn FrameSink>> {
                 .expected("a run of # for the frame number")
                 .hint(format!("-o '{}'", pattern.display())))
         }
-        ("glb" | "pc2" | "mdd" | "usda" | "usdc" | "abc", true) => {
+        ("glb" | "html" | "png" | "apng" | "pc2" | "mdd" | "usda" | "usdc" | "abc", true) => {
             Err(Error::new(Kind::Usage, format!("a .{extension} file holds the whole take"))
                 .file(path)
                 .expected("a name without #"))

@@ -70,7 +70,8 @@ impl Drop for NewFolders {
     }
 }
 
-fn folder_of(path: &Path) -> &Path {
+/// The folder of a file; the current one where its path names none.
+pub(super) fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 

@@ -5,7 +5,7 @@
 
 use super::encode::spool::Spool;
 use super::encode::{Encoded, Job, Tolerance, skin::FileSpace};
-use super::files::Pending;
+use super::files::{Pending, folder_of};
 use super::{FrameBatch, FrameSink, Header, Needs, Written};
 use crate::error::{Error, Notes, Result};
 use crate::scan::{NONE, UnitBox};
@@ -41,9 +41,16 @@ pub struct GlbSink {
 
 #[derive(Debug)]
 struct Open {
+    // Dropped in this order: the poses go before the folder.
+    poses: Poses,
+    file: Pending,
+}
+
+/// Poses on their way into a GLB.
+#[derive(Debug)]
+pub(super) struct Poses {
     header: Arc<Header>,
     spool: Spool,
-    file: Pending,
 }
 
 impl GlbSink {
@@ -56,10 +63,6 @@ impl GlbSink {
     pub fn with_tolerance(path: impl Into<PathBuf>, tolerance: Tolerance) -> Self {
         Self { path: path.into(), tolerance, open: None }
     }
-
-    fn opened(&mut self) -> &mut Open {
-        self.open.as_mut().expect("a sink is begun before it gets frames")
-    }
 }
 
 impl FrameSink for GlbSink {
@@ -68,93 +71,107 @@ impl FrameSink for GlbSink {
     }
 
     fn begin(&mut self, header: &Arc<Header>) -> Result<()> {
-        if !(header.rate.is_finite() && header.rate > 0.0) {
-            return Err(Error::refused(format!("a frame rate of {}", header.rate)).file(&self.path));
-        }
+        // The file first: it makes the folder.
         let file = Pending::create(&self.path)?;
-        let folder = self.path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let spool = Spool::new(folder, header.proxy.rest.len()).map_err(|e| e.file(&self.path))?;
-        self.open = Some(Open { header: header.clone(), spool, file });
+        self.open = Some(Open { poses: Poses::new(&self.path, header)?, file });
         Ok(())
     }
 
     fn frames(&mut self, batch: &FrameBatch<'_>) -> Result<()> {
-        let open = self.opened();
-        debug_assert_eq!(batch.first, open.spool.frames(), "frames come in order");
-        batch.proxy.iter().try_for_each(|pose| open.spool.push(pose))
+        self.open.as_mut().expect("a sink is begun before it gets frames").poses.push(batch)
     }
 
     fn finish(mut self: Box<Self>) -> Result<Written> {
-        let Some(open) = self.open.take().filter(|o| o.spool.frames() > 0) else {
+        let Some(Open { poses, mut file }) = self.open.take() else {
             return Err(Error::refused("no frames").file(&self.path));
         };
-        write(open, self.path, self.tolerance)
+        let mut out = BufWriter::with_capacity(1 << 20, file.file_mut());
+        let written = poses.write(&self.path, self.tolerance, &mut out)?;
+        out.flush().map_err(|e| Error::unwritable(&self.path, &e))?;
+        drop(out);
+        Ok(Written { bytes: file.finish()?, ..written })
     }
 }
 
-fn write(open: Open, path: PathBuf, tolerance: Tolerance) -> Result<Written> {
-    let Open { header, spool, mut file } = open;
-    let scan = &header.scan;
-    let mut notes = Notes::default();
-    let normal_vertices = NormalVertices::of(scan);
-    let geometry = Geometry::of(scan, &normal_vertices);
-    let vertices = geometry.scan_vertices();
-    let (space, offset) = file_space(&header.unit_box);
-    let rest: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| header.unit_box.enter(p)).collect();
-    let job = Job {
-        map: header.map.as_ref(),
-        proxy_rest: &header.proxy.rest,
-        spool: &spool,
-        vertices: &vertices,
-        rest: &rest,
-        space,
-        tolerance,
-        cancel: &header.cancel,
-    };
-    let encoded = job.run().map_err(|e| e.file(&path))?;
-    let mut normals = Vec::new();
-    let points: Vec<[f32; 3]> = rest.iter().map(|p| p.as_vec3().to_array()).collect();
-    normal_vertices.compute(scan, &points, &mut normals);
-    let mut places = vec![NONE; scan.mesh.positions.len()];
-    for (place, &v) in vertices.iter().enumerate() {
-        places[v as usize] = place as u32;
+impl Poses {
+    /// None yet; they are kept beside `path`.
+    pub(super) fn new(path: &Path, header: &Arc<Header>) -> Result<Self> {
+        if !(header.rate.is_finite() && header.rate > 0.0) {
+            return Err(Error::refused(format!("a frame rate of {}", header.rate)).file(path));
+        }
+        let spool = Spool::new(folder_of(path), header.proxy.rest.len()).map_err(|e| e.file(path))?;
+        Ok(Self { header: header.clone(), spool })
     }
-    let stem = |p: &Path| p.file_stem().map(|s| s.to_string_lossy().into_owned()).filter(|s| !s.is_empty());
-    let content = Content {
-        scan,
-        geometry: &geometry,
-        normals: &normals,
-        skin: &encoded.skin,
-        rest: &encoded.rest,
-        places: &places,
-        joint_names: &names::joint_names(&encoded, &header.proxy.rest, &header.places),
-        offset,
-        rate: header.rate,
-        name: &stem(&scan.source).unwrap_or_else(|| "scan".to_owned()),
-        animation: if header.take.is_empty() { "motion" } else { &header.take },
-    };
-    let (document, buffer) = content.build(&mut notes);
-    header.cancel.check()?;
-    let unwritable = |e: std::io::Error| Error::unwritable(&path, &e);
-    let mut out = BufWriter::with_capacity(1 << 20, file.file_mut());
-    buffer.write(document, &mut out, unwritable)?;
-    out.flush().map_err(unwritable)?;
-    drop(out);
-    let bytes = file.finish()?;
-    remark(&header, &encoded, vertices.len(), tolerance, &mut notes);
-    Ok(Written {
-        path,
-        bytes,
-        encoding: format!("skin, {} joints", encoded.skin.nodes() - 1),
-        max_error: encoded.summary.worst,
-        rms_error: encoded.summary.rms,
-        worst_frame: Some(header.first_frame + encoded.summary.frame as i64),
-        notes,
-    })
+
+    /// Takes the next frames.
+    pub(super) fn push(&mut self, batch: &FrameBatch<'_>) -> Result<()> {
+        debug_assert_eq!(batch.first, self.spool.frames(), "frames come in order");
+        batch.proxy.iter().try_for_each(|pose| self.spool.push(pose))
+    }
+
+    /// Makes a skin of them and writes the file to `out`; `path` is for errors and for what is returned, which lacks the bytes.
+    pub(super) fn write(self, path: &Path, tolerance: Tolerance, out: &mut impl Write) -> Result<Written> {
+        let Self { header, spool } = self;
+        if spool.frames() == 0 {
+            return Err(Error::refused("no frames").file(path));
+        }
+        let scan = &header.scan;
+        let mut notes = Notes::default();
+        let normal_vertices = NormalVertices::of(scan);
+        let geometry = Geometry::of(scan, &normal_vertices);
+        let vertices = geometry.scan_vertices();
+        let (space, offset) = file_space(&header.unit_box);
+        let rest: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| header.unit_box.enter(p)).collect();
+        let job = Job {
+            map: header.map.as_ref(),
+            proxy_rest: &header.proxy.rest,
+            spool: &spool,
+            vertices: &vertices,
+            rest: &rest,
+            space,
+            tolerance,
+            cancel: &header.cancel,
+        };
+        let encoded = job.run().map_err(|e| e.file(path))?;
+        let mut normals = Vec::new();
+        let points: Vec<[f32; 3]> = rest.iter().map(|p| p.as_vec3().to_array()).collect();
+        normal_vertices.compute(scan, &points, &mut normals);
+        let mut places = vec![NONE; scan.mesh.positions.len()];
+        for (place, &v) in vertices.iter().enumerate() {
+            places[v as usize] = place as u32;
+        }
+        let stem = |p: &Path| p.file_stem().map(|s| s.to_string_lossy().into_owned()).filter(|s| !s.is_empty());
+        let content = Content {
+            scan,
+            geometry: &geometry,
+            normals: &normals,
+            skin: &encoded.skin,
+            rest: &encoded.rest,
+            places: &places,
+            joint_names: &names::joint_names(&encoded, &header.proxy.rest, &header.places),
+            offset,
+            rate: header.rate,
+            name: &stem(&scan.source).unwrap_or_else(|| "scan".to_owned()),
+            animation: if header.take.is_empty() { "motion" } else { &header.take },
+        };
+        let (document, buffer) = content.build(&mut notes);
+        header.cancel.check()?;
+        buffer.write(document, out, |e| Error::unwritable(path, &e))?;
+        remark(&header, &encoded, vertices.len(), tolerance, &mut notes);
+        Ok(Written {
+            path: path.to_owned(),
+            bytes: 0,
+            encoding: format!("skin, {} joints", encoded.skin.nodes() - 1),
+            max_error: encoded.summary.worst,
+            rms_error: encoded.summary.rms,
+            worst_frame: Some(header.first_frame + encoded.summary.frame as i64),
+            notes,
+        })
+    }
 }
 
 /// Coordinates of the file, and where they begin in the scan's.
-fn file_space(unit_box: &UnitBox) -> (FileSpace, DVec3) {
+pub(super) fn file_space(unit_box: &UnitBox) -> (FileSpace, DVec3) {
     let far = unit_box.centre.abs().max_element() > FAR * unit_box.diagonal;
     // Rounded, so that a reader in single precision has the same offset.
     let offset = if far { unit_box.centre.as_vec3().as_dvec3() } else { DVec3::ZERO };
@@ -187,4 +204,4 @@ fn remark(header: &Header, encoded: &Encoded, vertices: usize, tolerance: Tolera
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Kind, Notes, Result};
 use crate::proxy::Proxy;
+use crate::report::FrameMeasure;
 use crate::scan::{Scan, UnitBox};
 use glam::DVec3;
 use std::path::PathBuf;
@@ -15,10 +16,12 @@ pub mod glb;
 pub mod mdd;
 pub mod obj;
 mod ogawa;
+pub mod page;
 mod parts;
 pub mod pc2;
 pub mod ply;
 mod single;
+pub mod stills;
 pub mod usd;
 
 #[cfg(test)]
@@ -82,6 +85,23 @@ pub struct FrameBatch<'a> {
     pub normals: &'a [Vec<[f32; 3]>],
 }
 
+/// What was measured of some consecutive frames, and where their handles are and should be.
+#[derive(Clone, Copy, Debug)]
+pub struct Measures<'a> {
+    /// One per frame.
+    pub frames: &'a [FrameMeasure],
+    /// Names of the handles; those that turn come after the others.
+    pub names: &'a [String],
+    /// Where the handles hold the body at rest, in the unit box.
+    pub rest: &'a [DVec3],
+    /// Where they hold it, in the unit box, one array per frame.
+    pub holds: &'a [Vec<DVec3>],
+    /// Where they should be, in the unit box, one array per frame; not a number where one is missing.
+    pub targets: &'a [Vec<DVec3>],
+    /// Length of the scan's unit in metres, if known: residuals are in millimetres then, in the scan's unit otherwise.
+    pub metres: Option<f64>,
+}
+
 /// What a sink wants computed for it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Needs {
@@ -122,6 +142,11 @@ pub trait FrameSink: Send {
 
     /// Takes the next frames.
     fn frames(&mut self, batch: &FrameBatch<'_>) -> Result<()>;
+
+    /// Is told what was measured of the frames that it gets next.
+    fn measured(&mut self, _measures: &Measures<'_>) -> Result<()> {
+        Ok(())
+    }
 
     /// Completes the file and puts it in place of the target.
     fn finish(self: Box<Self>) -> Result<Written>;

@@ -42,6 +42,14 @@ impl Canvas {
         });
     }
 
+    /// Lays a picture over the paper.
+    pub(super) fn copy(&mut self, picture: &Picture, left: usize, top: usize) {
+        let rows = self.pixels.chunks_exact_mut(self.width).skip(top).zip(picture.pixels.chunks_exact(picture.width));
+        for (row, from) in rows {
+            row[left..].iter_mut().zip(from).for_each(|(pixel, p)| *pixel = p.map(f32::from));
+        }
+    }
+
     /// Blends all pixels near a box whose `cover` is not 0; `cover` gets the middle of a pixel.
     fn fill(&mut self, lo: [f32; 2], hi: [f32; 2], color: [u8; 3], cover: impl Fn([f32; 2]) -> f32) {
         let range = |a: f32, b: f32, most: usize| (a - 1.0).floor().max(0.0) as i64..=(b + 1.0).ceil().min(most as f32) as i64;

@@ -3,10 +3,12 @@
 //! Drawn by the program itself, so that they look the same everywhere; the same bytes for any number of threads.
 
 mod canvas;
+pub mod film;
 mod labels;
 mod lettering;
 mod raster;
 mod shading;
+mod texture;
 
 use crate::error::{Error, Result};
 use canvas::Canvas;
@@ -14,6 +16,8 @@ use glam::DVec3;
 use labels::{Column, Slot};
 use raster::{Camera, Plane};
 use shading::Shaded;
+
+pub use texture::Texture;
 
 /// Colour of surfaces that have none, sRGB.
 pub const CLAY: [u8; 3] = [208, 202, 193];
@@ -53,6 +57,15 @@ pub enum Colors<'a> {
     PerVertex(&'a [[u8; 3]]),
     /// One for each triangle.
     PerFace(&'a [[u8; 3]]),
+    /// Taken from images.
+    Images {
+        /// Texture coordinates of the corners of each triangle, origin at the lower left.
+        uvs: &'a [[[f32; 2]; 3]],
+        /// The images.
+        images: &'a [Texture],
+        /// Which of them each triangle has.
+        of: &'a [u32],
+    },
 }
 
 /// A side from which the surface is seen, without perspective.

@@ -1,7 +1,8 @@
 //! Triangles → pixels: a depth buffer, several samples per pixel, soft light from the eye's side.
 
-use super::shading::Shaded;
-use glam::{DVec3, Vec3};
+use super::film::Axes;
+use super::shading::{Paint, Shaded};
+use glam::{DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
 /// Samples per pixel in each direction.
@@ -17,21 +18,21 @@ const HALO_MOST: f32 = 0.42;
 /// From space to pixels.
 #[derive(Clone, Debug)]
 pub(super) struct Camera {
-    right: DVec3,
-    up: DVec3,
-    toward: DVec3,
-    centre: DVec3,
+    pub(super) right: DVec3,
+    pub(super) up: DVec3,
+    pub(super) toward: DVec3,
+    /// What is in the middle of the picture.
+    pub(super) centre: DVec3,
     /// Pixels per unit.
-    scale: f64,
-    middle: [f64; 2],
+    pub(super) scale: f64,
+    /// The middle of the picture, in pixels.
+    pub(super) middle: [f64; 2],
 }
 
 impl Camera {
     /// A camera that sees the whole box in so many rows, and the width of its picture, at most `widest` times the height.
     pub(super) fn new(toward: DVec3, up: DVec3, corners: [DVec3; 2], height: usize, widest: f64) -> (Self, usize) {
-        let toward = toward.try_normalize().unwrap_or(DVec3::Z);
-        let right = up.cross(toward).try_normalize().unwrap_or_else(|| toward.any_orthonormal_vector());
-        let up = toward.cross(right);
+        let Axes { right, up, toward } = Axes::new(toward, up);
         let [lo, hi] = corners;
         let half = (hi - lo) * 0.5;
         let extent = |axis: DVec3| (axis.abs().dot(half) * 2.0).max(f64::MIN_POSITIVE);
@@ -126,7 +127,7 @@ impl Plane {
                     Vec3::new(x * SAMPLES as f32, (y - (b * BAND) as f32) * SAMPLES as f32, depth)
                 });
                 let normals = surface.normals(t).map(|n| camera.turn(n));
-                triangle(&mut samples, columns, rows, corners, normals, surface.colors(t));
+                triangle(&mut samples, columns, rows, corners, normals, &surface.paint(t));
             }
             for (i, pixel) in pixels.iter_mut().enumerate() {
                 *pixel = resolve(&samples, columns, i % width, i / width);
@@ -184,7 +185,7 @@ fn transposed(values: &[[f32; 2]], width: usize, height: usize) -> Vec<[f32; 2]>
 }
 
 /// Draws a triangle; its corners are in samples.
-fn triangle(samples: &mut [Sample], columns: usize, rows: usize, p: [Vec3; 3], normals: [Vec3; 3], colors: [Vec3; 3]) {
+fn triangle(samples: &mut [Sample], columns: usize, rows: usize, p: [Vec3; 3], normals: [Vec3; 3], paint: &Paint<'_>) {
     let cross = |a: Vec3, b: Vec3, x: f32, y: f32| (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x);
     let area = cross(p[0], p[1], p[2].x, p[2].y);
     if area == 0.0 {
@@ -201,10 +202,11 @@ fn triangle(samples: &mut [Sample], columns: usize, rows: usize, p: [Vec3; 3], n
             }
             let sample = &mut samples[row * columns + column];
             let depth = p[0].z * w[0] + p[1].z * w[1] + p[2].z * w[2];
-            if depth > sample.depth {
+            let color = if depth > sample.depth { paint.at(w) } else { Vec4::ZERO };
+            // What is clear is cut out.
+            if color.w >= 0.5 {
                 let normal = normals[0] * w[0] + normals[1] * w[1] + normals[2] * w[2];
-                let color = colors[0] * w[0] + colors[1] * w[1] + colors[2] * w[2];
-                *sample = Sample { depth, color: color * light(normal) };
+                *sample = Sample { depth, color: color.truncate() * light(normal) };
             }
         }
     }

@@ -1,8 +1,8 @@
 //! Normals and colours of a surface, ready to be drawn from any side.
 
 use super::canvas::srgb_to_linear;
-use super::{CLAY, Colors, Surface};
-use glam::{DVec3, Vec3};
+use super::{CLAY, Colors, Surface, Texture};
+use glam::{DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
 /// Faces at a vertex shade into each other up to this cosine between their normals.
@@ -13,13 +13,32 @@ pub(super) struct Shaded<'a> {
     pub(super) points: &'a [DVec3],
     pub(super) triangles: &'a [[u32; 3]],
     normals: Vec<[Vec3; 3]>,
-    colors: LinearColors,
+    colors: LinearColors<'a>,
 }
 
-enum LinearColors {
+enum LinearColors<'a> {
     One(Vec3),
     PerVertex(Vec<Vec3>),
     PerFace(Vec<Vec3>),
+    Images { uvs: &'a [[[f32; 2]; 3]], images: &'a [Texture], of: &'a [u32] },
+}
+
+/// Colour of a triangle, linear light.
+pub(super) enum Paint<'a> {
+    /// Between those of its corners.
+    Corners([Vec3; 3]),
+    /// An image, and where its corners are on that.
+    Image(&'a Texture, [[f32; 2]; 3]),
+}
+
+impl Paint<'_> {
+    /// Colour and opacity at a point with the weights `w` of the corners.
+    pub(super) fn at(&self, w: [f32; 3]) -> Vec4 {
+        match self {
+            Self::Corners(colors) => (colors[0] * w[0] + colors[1] * w[1] + colors[2] * w[2]).extend(1.0),
+            Self::Image(image, uvs) => image.at([0, 1].map(|k| uvs[0][k] * w[0] + uvs[1][k] * w[1] + uvs[2][k] * w[2])),
+        }
+    }
 }
 
 impl<'a> Shaded<'a> {
@@ -30,6 +49,7 @@ impl<'a> Shaded<'a> {
             Colors::Plain => LinearColors::One(linear(&CLAY)),
             Colors::PerVertex(colors) => LinearColors::PerVertex(colors.iter().map(linear).collect()),
             Colors::PerFace(colors) => LinearColors::PerFace(colors.iter().map(linear).collect()),
+            Colors::Images { uvs, images, of } => LinearColors::Images { uvs, images, of },
         };
         Self { points: surface.points, triangles: surface.triangles, normals: normals(surface), colors }
     }
@@ -38,11 +58,12 @@ impl<'a> Shaded<'a> {
         self.normals[t]
     }
 
-    pub(super) fn colors(&self, t: usize) -> [Vec3; 3] {
+    pub(super) fn paint(&self, t: usize) -> Paint<'_> {
         match &self.colors {
-            LinearColors::One(color) => [*color; 3],
-            LinearColors::PerVertex(colors) => self.triangles[t].map(|v| colors[v as usize]),
-            LinearColors::PerFace(colors) => [colors[t]; 3],
+            LinearColors::One(color) => Paint::Corners([*color; 3]),
+            LinearColors::PerVertex(colors) => Paint::Corners(self.triangles[t].map(|v| colors[v as usize])),
+            LinearColors::PerFace(colors) => Paint::Corners([colors[t]; 3]),
+            LinearColors::Images { uvs, images, of } => Paint::Image(&images[of[t] as usize], uvs[t]),
         }
     }
 }

@@ -90,6 +90,12 @@ impl OrientedTargets {
         if count > 0.0 { sum / count } else { DVec3::ZERO }
     }
 
+    /// Where the body has each handle, and where that should be if it has a place. In the unit of `pose`.
+    pub(super) fn places<'a>(&'a self, pose: &'a [DVec3]) -> impl Iterator<Item = (DVec3, Option<DVec3>)> + 'a {
+        let handles = self.placements.iter().zip(&self.carried);
+        handles.map(|(placement, carried)| (carried.place(pose).0, (placement.presence == 1.0).then_some(placement.position)))
+    }
+
     /// Mean distance of what each handle with a place carries from where it puts that, and its number. In the unit of `pose`.
     pub(super) fn distances<'a>(&'a self, pose: &'a [DVec3]) -> impl Iterator<Item = (usize, f64)> + 'a {
         let present = self.placements.iter().zip(&self.carried).enumerate().filter(|(_, (p, _))| p.presence == 1.0);

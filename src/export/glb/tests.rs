@@ -10,7 +10,7 @@ use glam::{DMat4, DQuat};
 use std::collections::{BTreeMap, BTreeSet};
 
 const CELLS: [usize; 3] = [24, 3, 3];
-const FRAMES: usize = 24;
+pub(in crate::export) const FRAMES: usize = 24;
 const RATE: f64 = 120.0;
 
 /// A bar of 24 × 3 × 3 cubes of six tetrahedra each, three units long.
@@ -61,7 +61,7 @@ fn boundary(tets: &[[u32; 4]]) -> Vec<([u32; 3], u32)> {
 }
 
 /// The bar as scan (its surface, with a seam, two materials and colours) and as proxy, `shift` away from the origin.
-fn header(shift: DVec3) -> Arc<Header> {
+pub(in crate::export) fn header(shift: DVec3) -> Arc<Header> {
     let (points, tets) = bar();
     let outside = boundary(&tets);
     let mut faces = Faces::default();
@@ -105,7 +105,7 @@ fn header(shift: DVec3) -> Arc<Header> {
 }
 
 /// The bar bends, twists and wanders.
-fn pose(header: &Header, frame: usize) -> Vec<DVec3> {
+pub(in crate::export) fn pose(header: &Header, frame: usize) -> Vec<DVec3> {
     let phase = frame as f64 / (FRAMES - 1) as f64;
     let (bend, twist) = (1.6 * (6.0 * phase).sin() + 1e-3, 1.2 * phase);
     let wander = DQuat::from_rotation_y(2.0 * phase);
