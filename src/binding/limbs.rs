@@ -13,8 +13,10 @@ const THICK: f64 = 0.08;
 const ARMPIT: f64 = 0.6;
 /// Places nearer than this, in diagonals, are one.
 const SAME: f64 = 1e-9;
-/// A leg is what lies farther than this from its hip joint, and the trunk reaches so far into an arm, in statures.
+/// A leg is what lies farther than this from its hip joint, in statures.
 const ROOT: f64 = 0.12;
+/// So far beyond its beginning an arm may still move with the trunk, in statures.
+const REACH: f64 = 0.05;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Limb {
@@ -61,7 +63,8 @@ impl Limbs {
             arm.map(Limb::Arm).or(leg.map(Limb::Leg)).unwrap_or(Limb::Body)
         };
         let of: Vec<Limb> = (0..proxy.rest.len()).map(limb).collect();
-        let root = of.iter().enumerate().map(|(v, limb)| matches!(limb, Limb::Arm(s) if arms[*s].1[v] < ROOT * height)).collect();
+        let root =
+            of.iter().enumerate().map(|(v, limb)| matches!(limb, Limb::Arm(s) if arms[*s].1[v] < REACH * height)).collect();
         Some(Self { of, root })
     }
 
