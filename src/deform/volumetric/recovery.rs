@@ -84,6 +84,8 @@ struct Count {
     default: u32,
     farthest_plain: f64,
     farthest: f64,
+    /// Not to the tolerance, by default.
+    unsolved: u32,
     passes: Vec<u32>,
 }
 
@@ -108,27 +110,29 @@ fn recover(name: &str, seeds: std::ops::RangeInclusive<u64>, make: impl Fn(&Opti
                 let energies = deformer.energies();
                 // At rest it is rounding.
                 assert!(energies.windows(2).all(|e| e[1] <= e[0] * (1.0 + 1e-9) + 1e-25), "{name} {lost:?}: {energies:?}");
-                assert!(stats.converged && !stats.recovered, "{name} {lost:?}: {stats:?}");
-                (distance(deformer.pose(), exact) / diagonal, stats.passes)
+                assert!(!stats.recovered, "{name} {lost:?}: {stats:?}");
+                (distance(deformer.pose(), exact) / diagonal, stats)
             });
             count.all += 1;
             count.plain += u32::from(plain.0 < 5e-3);
             count.default += u32::from(default.0 < 1e-3);
             count.farthest_plain = count.farthest_plain.max(plain.0);
             count.farthest = count.farthest.max(default.0);
-            count.passes.push(default.1);
+            count.unsolved += u32::from(!default.1.converged);
+            count.passes.push(default.1.passes);
         }
         count.passes.sort_unstable();
         eprintln!(
             "{name}, {lost:?}: {} of {} within 5e-3 after {PLAIN} plain iterations, the farthest at {:.1e}; by default {} within 1e-3, the farthest at \
-             {:.1e}, {} passes (median), at most {}",
+             {:.1e}, {} passes (median), at most {}, {} unsolved",
             count.plain,
             count.all,
             count.farthest_plain,
             count.default,
             count.farthest,
             count.passes[count.passes.len() / 2],
-            count.passes.last().unwrap()
+            count.passes.last().unwrap(),
+            count.unsolved
         );
         assert!(count.plain == count.all && count.default == count.all, "{name} {lost:?}");
     }
