@@ -76,6 +76,9 @@ fn spoil(deformer: &mut Volumetric, lost: Lost, seed: u64) {
 /// Plain iterations.
 const PLAIN: u32 = 120;
 
+/// Frames within which a pose is solved by default.
+const FRAMES: u32 = 6;
+
 /// What came of the spoiled states: so many of them, those near enough, and the figures of the worst.
 #[derive(Default)]
 struct Count {
@@ -84,8 +87,8 @@ struct Count {
     default: u32,
     farthest_plain: f64,
     farthest: f64,
-    /// Not to the tolerance, by default.
-    unsolved: u32,
+    /// Until it was solved to the tolerance, by default.
+    frames: u32,
     passes: Vec<u32>,
 }
 
@@ -106,25 +109,29 @@ fn recover(name: &str, seeds: std::ops::RangeInclusive<u64>, make: impl Fn(&Opti
                 let (mut deformer, ..) = make(options).unwrap();
                 deformer.start(&targets).unwrap();
                 spoil(&mut deformer, lost, seed);
-                let stats = deformer.step(&targets).unwrap();
-                let energies = deformer.energies();
-                // At rest it is rounding.
-                assert!(energies.windows(2).all(|e| e[1] <= e[0] * (1.0 + 1e-9) + 1e-25), "{name} {lost:?}: {energies:?}");
-                assert!(!stats.recovered, "{name} {lost:?}: {stats:?}");
-                (distance(deformer.pose(), exact) / diagonal, stats)
+                let (mut passes, mut frames, mut solved) = (0, 0, false);
+                while !solved && frames < FRAMES {
+                    let stats = deformer.step(&targets).unwrap();
+                    (passes, frames, solved) = (passes + stats.passes, frames + 1, stats.converged);
+                    let energies = deformer.energies();
+                    // At rest it is rounding.
+                    assert!(energies.windows(2).all(|e| e[1] <= e[0] * (1.0 + 1e-9) + 1e-25), "{name} {lost:?}: {energies:?}");
+                    assert!(!stats.recovered, "{name} {lost:?}: {stats:?}");
+                }
+                (distance(deformer.pose(), exact) / diagonal, passes, frames)
             });
             count.all += 1;
             count.plain += u32::from(plain.0 < 5e-3);
             count.default += u32::from(default.0 < 1e-3);
             count.farthest_plain = count.farthest_plain.max(plain.0);
             count.farthest = count.farthest.max(default.0);
-            count.unsolved += u32::from(!default.1.converged);
-            count.passes.push(default.1.passes);
+            count.frames = count.frames.max(default.2);
+            count.passes.push(default.1);
         }
         count.passes.sort_unstable();
         eprintln!(
             "{name}, {lost:?}: {} of {} within 5e-3 after {PLAIN} plain iterations, the farthest at {:.1e}; by default {} within 1e-3, the farthest at \
-             {:.1e}, {} passes (median), at most {}, {} unsolved",
+             {:.1e}, {} passes (median), at most {} in up to {} frames",
             count.plain,
             count.all,
             count.farthest_plain,
@@ -132,7 +139,7 @@ fn recover(name: &str, seeds: std::ops::RangeInclusive<u64>, make: impl Fn(&Opti
             count.farthest,
             count.passes[count.passes.len() / 2],
             count.passes.last().unwrap(),
-            count.unsolved
+            count.frames
         );
         assert!(count.plain == count.all && count.default == count.all, "{name} {lost:?}");
     }
