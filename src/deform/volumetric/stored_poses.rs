@@ -112,7 +112,6 @@ fn case(name: &str, options: &Options) -> Option<Case> {
     let oriented_rests = oriented.iter().map(|h| h.rest).collect();
     let (oriented, points) = Oriented::new(&proxy, &oriented, handles.len()).unwrap();
     assert!(points.is_empty(), "exact grips have no points that pull");
-    let begin = Instant::now();
     let deformer = Volumetric::with_weights(
         &proxy,
         elements,
@@ -122,7 +121,6 @@ fn case(name: &str, options: &Options) -> Option<Case> {
         options,
     )
     .unwrap();
-    eprintln!("set-up {:.1} ms, {} entries", begin.elapsed().as_secs_f64() * 1e3, deformer.factor.entries());
     Some(Case { deformer, targets, placements, rests: oriented_rests, diagonal: (hi - lo).length(), stored })
 }
 
@@ -171,6 +169,13 @@ pub(super) fn at_rest(name: &str, options: &Options) -> Option<(Volumetric, Targ
     let case = case(name, options)?;
     let rest: Vec<DVec3> = case.deformer.attachments.clone();
     Some((case.deformer, Targets { presence: vec![1.0; rest.len()], positions: rest }, case.diagonal))
+}
+
+/// The same with the handles where the last frame has them.
+pub(super) fn posed(name: &str, options: &Options) -> Option<(Volumetric, Targets, f64)> {
+    let mut case = case(name, options)?;
+    case.deformer.place(case.placements.last().unwrap()).unwrap();
+    Some((case.deformer, case.targets.pop().unwrap(), case.diagonal))
 }
 
 /// Solves all frames in order; returns the measures of each and, for the stored ones, distances of all vertices in diagonals and the energy's excess.
