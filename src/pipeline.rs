@@ -8,7 +8,7 @@ mod oriented;
 
 use crate::binding::Binding;
 use crate::capture::MarkerTake;
-use crate::deform::{Deformer, ERROR_PER_STEP, Handle, OrientedHandle, Targets};
+use crate::deform::{Deformer, Handle, OrientedHandle, Targets};
 use crate::error::{Error, Kind, Result};
 use crate::export::{FrameBatch, FrameSink, Header, Measures, Needs, Written};
 use crate::report::{FrameMeasure, ReportWriter, Residual, Spread};
@@ -335,11 +335,17 @@ impl<'a> Solver<'a> {
         };
         let solve_ms = start.elapsed().as_secs_f64() * 1e3;
         let residual = self.residual();
-        Ok(FrameMeasure { frame: self.job.first_frame + frame as i64, stats, residual, solve_ms })
+        let error = stats.error.map(|error| error * self.millimetres());
+        Ok(FrameMeasure { frame: self.job.first_frame + frame as i64, stats, residual, error, solve_ms })
+    }
+
+    /// In a diagonal; those of the scan's unit where that is not known in metres.
+    fn millimetres(&self) -> f64 {
+        self.job.header.unit_box.diagonal * self.job.metres.map_or(1.0, |m| m * 1000.0)
     }
 
     fn residual(&mut self) -> Residual {
-        let millimetres = self.job.header.unit_box.diagonal * self.job.metres.map_or(1.0, |m| m * 1000.0);
+        let millimetres = self.millimetres();
         let pose = self.job.deformer.pose();
         self.distances.clear();
         let mut residual = Residual::default();
@@ -408,7 +414,7 @@ impl<'a> Solver<'a> {
         }
         if !m.stats.converged {
             out.unsolved.add(m.frame);
-            out.unsolved_error = out.unsolved_error.max(m.stats.step * ERROR_PER_STEP);
+            out.unsolved_error = out.unsolved_error.max(m.stats.error.unwrap_or(0.0));
         }
         if m.stats.recovered {
             out.recovered.add(m.frame);

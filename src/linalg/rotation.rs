@@ -78,16 +78,27 @@ pub(crate) fn newton_step(f: &Matrices, q: &mut Quaternions) -> Lanes {
 const MOST_STEPS: u32 = 20;
 
 /// The rotations nearest to `f`, to rounding, from warm estimates.
+#[inline(always)]
 pub(crate) fn extract(f: &Matrices, q: &mut Quaternions) {
-    let mut turned = Lanes::splat(f64::INFINITY);
-    let still = |turned: &Lanes, lane: usize| turned.0[lane].is_nan() || turned.0[lane] >= 1e-20;
-    for _ in 0..MOST_STEPS {
-        turned = newton_step(f, q);
-        if !(0..4).any(|lane| still(&turned, lane)) {
-            break;
+    for _ in 1..MOST_STEPS {
+        let turned = newton_step(f, q);
+        if !(0..4).any(|lane| still_turns(&turned, lane)) {
+            return;
         }
     }
-    for lane in (0..4).filter(|&lane| still(&turned, lane)) {
+    extract_exactly(f, q);
+}
+
+#[inline(always)]
+fn still_turns(turned: &Lanes, lane: usize) -> bool {
+    turned.0[lane].is_nan() | (turned.0[lane] >= 1e-20)
+}
+
+/// One more step, and the singular values for the lanes that it still turns.
+#[cold]
+fn extract_exactly(f: &Matrices, q: &mut Quaternions) {
+    let turned = newton_step(f, q);
+    for lane in (0..4).filter(|&lane| still_turns(&turned, lane)) {
         let warm = self::lane(q, lane);
         let warm = if warm.is_finite() { DMat3::from_quat(warm) } else { DMat3::IDENTITY };
         let column = |j: usize| DVec3::new(f[j].0[lane], f[3 + j].0[lane], f[6 + j].0[lane]);

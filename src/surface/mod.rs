@@ -76,6 +76,14 @@ impl SurfaceMap {
         self.len() == 0
     }
 
+    /// Bytes of pairs and points (rows) that an application reads, faces and poses besides.
+    pub fn bytes(&self) -> usize {
+        match &self.kind {
+            Kind::Ring(map) => map.bytes(),
+            Kind::Paper(map) => map.bytes(),
+        }
+    }
+
     /// Maps up to eight proxy poses; `out[f]` receives the scan vertices of `poses[f]` (resized where needed, else nothing is allocated).
     ///
     /// Shapes: `poses`: ≤ 8 × n; `out`: as many × [`SurfaceMap::len`]. Unit box. The bits of a frame depend neither on the frames beside

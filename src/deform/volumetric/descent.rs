@@ -1,7 +1,7 @@
 //! One frame: from the predicted pose down to the minimum of the energy.
 
 use super::anderson::Anderson;
-use super::{FrameStats, Volumetric};
+use super::{ERROR_PER_STEP, FrameStats, Volumetric};
 use crate::linalg::lanes::{Lanes, add_scaled, longest};
 use glam::DVec3;
 
@@ -30,6 +30,7 @@ pub(super) struct Settings {
     /// Diagonal of the rest box.
     pub(super) diagonal: f64,
     pub(super) iterations: Option<u32>,
+    pub(super) rotation_steps: Option<u32>,
     /// Angle, see [`super::Options::interpolate_above`].
     pub(super) interpolate_above: f64,
 }
@@ -74,7 +75,10 @@ impl Volumetric {
         self.memory.energies.clear();
         let turned = self.turn_with_handles();
         let mut stats = match self.settings.iterations {
-            Some(count) => self.alternate(count),
+            Some(count) => match self.settings.rotation_steps {
+                None => self.alternate(count),
+                Some(steps) => self.alternate_warm(count, steps),
+            },
             None => self.descend(turned),
         };
         let (inverted, worst, volume_ratio) = self.blocks.measure(&self.p);
@@ -102,6 +106,20 @@ impl Volumetric {
             self.memory.energies.push(energy);
         }
         FrameStats { passes, step: step / self.settings.diagonal, converged: true, energy, ..Default::default() }
+    }
+
+    /// The same with rotations that follow by so many steps: one pass and one solve per iteration.
+    fn alternate_warm(&mut self, count: u32, steps: u32) -> FrameStats {
+        self.before.copy_from_slice(&self.p);
+        self.oriented.put_given(&mut self.p);
+        let mut energy = self.evaluate(Place::Current, steps);
+        let mut step = 0.0;
+        for _ in 0..count {
+            step = self.global_step();
+            energy = self.evaluate(Place::Current, steps);
+            self.memory.energies.push(energy);
+        }
+        FrameStats { passes: count + 1, step: step / self.settings.diagonal, converged: true, energy, ..Default::default() }
     }
 
     /// The positions that suit the rotations best, from the gradient at the present ones: the longest move.
@@ -214,7 +232,7 @@ impl Volumetric {
                     }
                     if next.is_nan() || next > energy * (1.0 + HARMLESS) + rounding {
                         // No way down from here: the pose stays.
-                        return FrameStats { passes, step, converged: false, energy, ..Default::default() };
+                        return FrameStats { passes, step, error: estimate(step), converged: false, energy, ..Default::default() };
                     }
                 }
             }
@@ -223,7 +241,7 @@ impl Volumetric {
             self.memory.energies.push(energy);
             let converged = step < self.settings.tolerance;
             if converged || passes >= cap || !step.is_finite() {
-                return FrameStats { passes, step, converged, energy, ..Default::default() };
+                return FrameStats { passes, step, error: estimate(step), converged, energy, ..Default::default() };
             }
         }
     }
@@ -257,6 +275,11 @@ impl Volumetric {
             *step = -(*plain + *load);
         }
     }
+}
+
+/// The error of a pose after a step.
+fn estimate(step: f64) -> Option<f64> {
+    Some(step * ERROR_PER_STEP)
 }
 
 #[derive(Clone, Copy)]

@@ -244,9 +244,7 @@ impl Blocks {
 
     /// The rotations nearest to the deformation gradients of `p`, to rounding.
     pub(super) fn extract(&self, p: &[Lanes], rotations: &mut [Quaternions]) {
-        for (block, q) in self.list[..self.free].iter().zip(rotations.iter_mut()) {
-            rotation::extract(&deformation(block, p), q);
-        }
+        extract(&self.list[..self.free], p, rotations);
         for range in &self.groups {
             let mut q = rotations[range.start];
             rotation::extract(&mean_deformation(&self.list[range.clone()], p), &mut q);
@@ -406,6 +404,14 @@ for_each_instruction_set! {
             add_to_corners(&block.corners, &hat_products(block, &pull), g);
         }
         energy.sum()
+    }
+}
+
+for_each_instruction_set! {
+    fn extract(blocks: &[Block], p: &[Lanes], rotations: &mut [Quaternions]) {
+        for (block, q) in blocks.iter().zip(rotations) {
+            rotation::extract(&deformation(block, p), q);
+        }
     }
 }
 

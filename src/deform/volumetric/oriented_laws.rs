@@ -375,9 +375,7 @@ fn five_iterations_agree_with_another_implementation() {
     let rows = [on_vertex(3), SparseRow { indices: vec![10, 15], values: vec![1.25, -0.25] }];
     let points: Vec<Handle> = rows.map(|row| Handle { name: "point".into(), row, beta: 1.0 }).into();
     let options = Options { sliver_cap: f64::INFINITY, interpolate_above: f64::INFINITY, ..plain(5) };
-    let elements = super::elements::elements(&proxy, &options).unwrap();
-    let (oriented, _) = super::oriented::Oriented::new(&proxy, std::slice::from_ref(&near), 2).unwrap();
-    let mut deformer = Volumetric::with_weights(&proxy, elements, &points, vec![0.7, 2.5], oriented, &options).unwrap();
+    let mut deformer = Volumetric::with_weights(&proxy, &points, &[0.7, 2.5], std::slice::from_ref(&near), &options).unwrap();
     let mut targets = targets_of(&proxy, &points, |p| p);
     deformer.start(&targets).unwrap();
     targets.positions[0] += DVec3::new(0.1, -0.2, 0.05);

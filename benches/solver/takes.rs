@@ -1,0 +1,83 @@
+//! Whole runs of the program on a scan of 205,000 vertices with a take of 320 frames; needs the real data.
+
+use super::common::{retarget_ok, shared};
+use super::median;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+#[allow(dead_code)]
+#[path = "../../tests/real_takes/repeat.rs"]
+mod repeat;
+use repeat::{Again, repeated};
+
+const REPEATS: usize = 3;
+
+/// Figures of one run.
+struct Figures {
+    set_up: f64,
+    solve: f64,
+    map: f64,
+    write: f64,
+    whole: f64,
+    peak: f64,
+    frames: usize,
+}
+
+pub fn run() {
+    let Some(data) = shared() else { return };
+    let scan = data.join("meshes/scans/synthetic_scan_male_apose_mm_zup.ply.gz");
+    let walk = data.join("motion/c3d/pig_antom_walk.c3d");
+    let standing = data.join("motion/c3d/pig_antom_static.c3d");
+    let work = tempfile::tempdir().unwrap();
+    let long = work.path().join("long.c3d");
+    std::fs::write(&long, repeated(&std::fs::read(&walk).unwrap(), 10, Again::ThereAndBack)).unwrap();
+    println!("205,000 vertices, default quality, two threads; medians of {REPEATS} runs. set-up: from the files to the first frame");
+    println!(
+        "{:<20} {:>7} {:>10} {:>9} {:>9} {:>10} {:>12} {:>12} {:>8}",
+        "run", "frames", "set-up s", "solve ms", "map ms", "write ms", "after set-up", "frames/s", "peak MB"
+    );
+    for (name, capture, ending, repeats) in [("320 to PC2", &walk, "pc2", REPEATS), ("320 to GLB", &walk, "glb", REPEATS), ("3200 to PC2", &long, "pc2", 1)] {
+        let runs: Vec<Figures> = (0..repeats).map(|_| figures(work.path(), &[&scan, capture], &standing, ending)).collect();
+        let of = |field: &dyn Fn(&Figures) -> f64| median(runs.iter().map(field).collect());
+        let (set_up, whole, frames) = (of(&|f| f.set_up), of(&|f| f.whole), runs[0].frames);
+        let after = whole - set_up;
+        println!(
+            "{name:<20} {frames:>7} {:>10.2} {:>9.2} {:>9.2} {:>10.2} {:>10.2} s {:>12.0} {:>8.0}",
+            set_up,
+            of(&|f| f.solve),
+            of(&|f| f.map),
+            of(&|f| f.write),
+            after,
+            frames as f64 / after,
+            of(&|f| f.peak)
+        );
+        if ending == "pc2" {
+            let slower = of(&|f| f.solve).max(of(&|f| f.map));
+            println!("{:<20} solve and map, which overlap: {:.0} frames/s", "", 1e3 / slower);
+        }
+    }
+}
+
+fn figures(work: &Path, inputs: &[&PathBuf; 2], standing: &Path, ending: &str) -> Figures {
+    let (out, report) = (work.join(format!("out.{ending}")), work.join("out.json"));
+    let mut arguments: Vec<&Path> = inputs.iter().map(|p| p.as_path()).collect();
+    arguments.extend(["--force", "--quiet", "--threads", "2", "--ref-file"].map(Path::new));
+    arguments.extend([standing, Path::new("-o"), &out, Path::new("--report"), &report]);
+    let start = Instant::now();
+    retarget_ok(work, &arguments);
+    let whole = start.elapsed().as_secs_f64();
+    let report: Value = serde_json::from_slice(&std::fs::read(&report).unwrap()).unwrap();
+    let frames = report["frames"].as_array().unwrap();
+    let mean = |stage: &str| frames.iter().map(|f| f["ms"][stage].as_f64().unwrap()).sum::<f64>() / frames.len() as f64;
+    let set_up: f64 = report["setup_ms"].as_object().unwrap().values().map(|v| v.as_f64().unwrap()).sum();
+    Figures {
+        set_up: set_up / 1e3,
+        solve: mean("solve"),
+        map: mean("map"),
+        write: mean("write"),
+        whole,
+        peak: report["peak_mb"].as_f64().unwrap_or(f64::NAN),
+        frames: frames.len(),
+    }
+}
