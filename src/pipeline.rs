@@ -12,7 +12,7 @@ use crate::deform::{Deformer, Handle, OrientedHandle, Targets};
 use crate::error::{Error, Kind, Result};
 use crate::export::{FrameBatch, FrameSink, Header, Measures, Needs, Written};
 use crate::report::{FrameMeasure, ReportWriter, Residual, Spread};
-use crate::surface::NormalVertices;
+use crate::surface::{Fans, NormalVertices};
 use fading::Fading;
 use glam::DVec3;
 use oriented::OrientedTargets;
@@ -163,7 +163,8 @@ pub fn run(mut job: Job<'_>, progress: &(dyn Fn(Progress) + Sync)) -> Result<Out
     for sink in &mut job.sinks {
         sink.begin(&job.header)?;
     }
-    let mapper = Mapper { header: job.header.clone(), needs, normal_vertices: NormalVertices::of(&job.header.scan) };
+    let fans = needs.normals.then(|| Fans::new(&job.header.scan, &NormalVertices::of(&job.header.scan)));
+    let mapper = Mapper { header: job.header.clone(), needs, fans };
     let mut writer = Writer {
         sinks: std::mem::take(&mut job.sinks),
         report: job.report.take(),
@@ -426,7 +427,8 @@ impl<'a> Solver<'a> {
 struct Mapper {
     header: Arc<Header>,
     needs: Needs,
-    normal_vertices: NormalVertices,
+    /// If normals are needed.
+    fans: Option<Fans>,
 }
 
 impl Mapper {
@@ -441,9 +443,13 @@ impl Mapper {
             }
             self.header.map.apply(&poses[..frames], &mut batch.points);
         }
-        if self.needs.normals {
+        if let Some(fans) = &self.fans {
             batch.normals.resize_with(frames, Vec::new);
-            self.normal_vertices.compute_frames(&self.header.scan, &batch.points[..frames], &mut batch.normals);
+            let mut points: [&[[f32; 3]]; BATCH] = [&[]; BATCH];
+            for (points, frame) in points.iter_mut().zip(&batch.points) {
+                *points = frame;
+            }
+            fans.compute(&points[..frames], &mut batch.normals);
         }
         batch.map_ms = start.elapsed().as_secs_f64() * 1e3;
     }

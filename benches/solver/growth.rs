@@ -8,7 +8,8 @@ use retarget::deform::Deformer;
 use retarget::deform::volumetric::Volumetric;
 use retarget::proxy::Proxy;
 use retarget::proxy::rows::MapKind;
-use retarget::surface::{BATCH, NormalVertices, SurfaceMap};
+use super::map::slices;
+use retarget::surface::{BATCH, Fans, NormalVertices, SurfaceMap};
 
 const REPEATS: usize = 7;
 const RATE: f64 = 100.0;
@@ -80,11 +81,11 @@ fn vertices(scan: &retarget::scan::Scan, proxy: &Proxy) {
         });
         let map = map.unwrap();
         let (mut out, mut normals) = (vec![Vec::new(); BATCH], vec![Vec::new(); BATCH]);
-        let all = NormalVertices::of(&scan);
+        let fans = Fans::new(&scan, &NormalVertices::of(&scan));
         map.apply(&batch, &mut out);
-        all.compute_frames(&scan, &out, &mut normals);
+        fans.compute(&slices(&out), &mut normals);
         let apply = milliseconds(REPEATS, || map.apply(&batch, &mut out)) / BATCH as f64;
-        let normal = milliseconds(REPEATS, || all.compute_frames(&scan, &out, &mut normals)) / BATCH as f64;
+        let normal = milliseconds(REPEATS, || fans.compute(&slices(&out), &mut normals)) / BATCH as f64;
         table.row(points.len(), &[build, bind, apply, normal]);
         scan.mesh = body::subdivided(&scan.mesh);
     }

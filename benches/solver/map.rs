@@ -7,13 +7,17 @@ use retarget::deform::Deformer;
 use retarget::deform::volumetric::Volumetric;
 use retarget::linalg::use_baseline;
 use retarget::proxy::rows::MapKind;
-use retarget::surface::{BATCH, NormalVertices, SurfaceMap};
+use retarget::surface::{BATCH, Fans, NormalVertices, SurfaceMap};
 use std::hint::black_box;
 
 /// About this many vertices are mapped: the scan is subdivided until it has them.
 const VERTICES: usize = 150_000;
 
 const REPEATS: usize = 15;
+
+pub fn slices(points: &[Vec<[f32; 3]>]) -> Vec<&[[f32; 3]]> {
+    points.iter().map(|p| &p[..]).collect()
+}
 
 pub fn run(path: Option<&String>) {
     let mut scan = body::scan(path);
@@ -49,16 +53,16 @@ pub fn run(path: Option<&String>) {
         let read = |data: &[u64]| black_box(black_box(data).iter().fold(0_u64, |sum, x| sum.wrapping_add(*x)));
         let mut out = vec![Vec::new(); BATCH];
         let mut normals = vec![Vec::new(); BATCH];
-        let all = NormalVertices::of(&scan);
+        let fans = Fans::new(&scan, &NormalVertices::of(&scan));
         map.apply(&batch, &mut out);
-        all.compute_frames(&scan, &out, &mut normals);
+        fans.compute(&slices(&out), &mut normals);
         for baseline in [false, true] {
             use_baseline(baseline);
             let read_map = milliseconds(REPEATS, || _ = read(&compact));
             let read_matrix = milliseconds(REPEATS, || _ = read(&matrix));
             let eight = milliseconds(REPEATS, || map.apply(&batch, &mut out)) / BATCH as f64;
             let one = milliseconds(REPEATS, || map.apply(&batch[..1], &mut out[..1]));
-            let normal = milliseconds(REPEATS, || all.compute_frames(&scan, &out, &mut normals)) / BATCH as f64;
+            let normal = milliseconds(REPEATS, || fans.compute(&slices(&out), &mut normals)) / BATCH as f64;
             println!("{}", if baseline { "baseline" } else { "AVX2" });
             println!("  plain read: the map {read_map:.2} ms, the matrix {read_matrix:.2} ms");
             println!("  per frame: eight together {eight:.2} ms, one alone {one:.2} ms, normals {normal:.2} ms");

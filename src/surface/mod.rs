@@ -1,11 +1,13 @@
 //! Proxy pose → scan pose: the smooth local map, and normals.
 
 mod apply;
+mod fans;
 mod normals;
 mod paper;
 mod pieces;
 mod ring;
 
+pub use fans::Fans;
 pub use normals::NormalVertices;
 
 use crate::error::{Error, Result};

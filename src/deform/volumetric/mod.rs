@@ -27,6 +27,8 @@ mod oriented;
 #[cfg(test)]
 mod oriented_laws;
 #[cfg(test)]
+mod precision;
+#[cfg(test)]
 mod recovery;
 #[cfg(test)]
 mod stored_poses;
