@@ -70,7 +70,7 @@ impl Body {
         let sway = |p: DVec3| DQuat::from_rotation_y(0.6 * p.y * t.sin()) * p + DVec3::X * (0.05 * t.cos());
         for (h, handle) in self.handles.iter().enumerate() {
             targets.positions[h] = sway(handle.row.apply(&self.proxy.rest));
-            targets.presence[h] = f64::from(u8::from((frame / 3 + h) % 17 != 0));
+            targets.presence[h] = f64::from(u8::from(!(frame / 3 + h).is_multiple_of(17)));
         }
         let orientation = DQuat::from_rotation_y(0.6 * self.head.rest.y * t.sin());
         placements[0] = Placement { position: sway(self.head.rest), orientation, presence: 1.0 };

@@ -8,8 +8,13 @@ use std::path::{Path, PathBuf};
 const QUALITIES: [&str; 3] = ["draft", "default", "converged"];
 
 pub fn run() {
-    println!("distances of all vertices to the pose of --tolerance 1e-9, mm; passes and milliseconds per frame (median of frames)");
-    println!("{:<16} {:<10} {:>8} {:>8} {:>8} {:>8} {:>7} {:>9} {:>9}", "take", "quality", "p50", "p99", "max", "passes", "ms", "est p99", "est max");
+    println!(
+        "distances of all vertices to the pose of --tolerance 1e-9, mm; passes and milliseconds per frame (median of frames)"
+    );
+    println!(
+        "{:<16} {:<10} {:>8} {:>8} {:>8} {:>8} {:>7} {:>9} {:>9}",
+        "take", "quality", "p50", "p99", "max", "passes", "ms", "est p99", "est max"
+    );
     let walk = [fixture("scan.obj"), fixture("walk.c3d")];
     take("fixture walk", &walk, &[]);
     take("fixture walk 30", &walk, &["--fps", "30"]);
@@ -54,7 +59,8 @@ fn take(name: &str, inputs: &[PathBuf; 2], options: &[&str]) {
         all.sort_unstable_by(f32::total_cmp);
         let at = |share: f64| f64::from(all[((all.len() - 1) as f64 * share) as usize]) * millimetres;
         let frames = report["frames"].as_array().unwrap();
-        let of = |field: &dyn Fn(&Value) -> &Value| frames.iter().map(|f| field(f).as_f64().unwrap_or(f64::NAN)).collect::<Vec<_>>();
+        let of =
+            |field: &dyn Fn(&Value) -> &Value| frames.iter().map(|f| field(f).as_f64().unwrap_or(f64::NAN)).collect::<Vec<_>>();
         let passes = of(&|f| &f["iterations"]);
         let mut estimates = of(&|f| &f["error_mm"]);
         estimates.sort_by(f64::total_cmp);

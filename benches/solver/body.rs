@@ -78,7 +78,8 @@ pub fn targets(proxy: &Proxy, handles: &[Handle], seconds: f64) -> Targets {
     let positions = handles.iter().map(|h| {
         let p = h.row.apply(&proxy.rest);
         let height = p.dot(up);
-        let turn = DQuat::from_axis_angle(up, 0.5 * height * phase.sin()) * DQuat::from_axis_angle(DVec3::X, 0.4 * height * (0.7 * phase).sin());
+        let turn = DQuat::from_axis_angle(up, 0.5 * height * phase.sin())
+            * DQuat::from_axis_angle(DVec3::X, 0.4 * height * (0.7 * phase).sin());
         turn * p + DVec3::new(0.02 * phase.sin(), 0.01 * (2.0 * phase).cos(), 0.0)
     });
     Targets { positions: positions.collect(), presence: vec![1.0; handles.len()] }

@@ -2,13 +2,13 @@
 
 use super::body;
 use super::core_time::seconds_on_core;
+use super::map::slices;
 use super::milliseconds;
 use glam::DVec3;
 use retarget::deform::Deformer;
 use retarget::deform::volumetric::Volumetric;
 use retarget::proxy::Proxy;
 use retarget::proxy::rows::MapKind;
-use super::map::slices;
 use retarget::surface::{BATCH, Fans, NormalVertices, SurfaceMap};
 
 const REPEATS: usize = 7;

@@ -35,7 +35,9 @@ pub fn run() {
     let long = work.path().join("long.c3d");
     std::fs::write(&long, repeated(&std::fs::read(&walk).unwrap(), 10, Again::ThereAndBack)).unwrap();
     println!("205,000 vertices, default quality, two threads; medians of {REPEATS} runs");
-    println!("by the clock, which counts other programs: set-up from the files to the first frame, stages per frame (they overlap), the rest");
+    println!(
+        "by the clock, which counts other programs: set-up from the files to the first frame, stages per frame (they overlap), the rest"
+    );
     println!("on cores: set-up, and per frame; frames/s if two cores had nothing else to do");
     println!(
         "{:<14} {:>6} {:>8} {:>8} {:>7} {:>8} {:>8} | {:>8} {:>9} {:>8} | {:>7}",
@@ -47,8 +49,7 @@ pub fn run() {
         [("320 to PC2", &walk, "pc2", REPEATS), ("320 to GLB", &walk, "glb", REPEATS), ("3200 to PC2", &long, "pc2", 1)]
     {
         let set_up_cores = median((0..REPEATS).map(|_| short("pc2")).collect());
-        let runs: Vec<Figures> =
-            (0..repeats).map(|_| figures(work.path(), &[&scan, capture], &standing, ending, &[])).collect();
+        let runs: Vec<Figures> = (0..repeats).map(|_| figures(work.path(), &[&scan, capture], &standing, ending, &[])).collect();
         let of = |field: &dyn Fn(&Figures) -> f64| median(runs.iter().map(field).collect());
         let frames = runs[0].frames;
         let per_frame = (of(&|f| f.cores) - set_up_cores) * 1e3 / frames as f64;

@@ -319,10 +319,10 @@ fn minus<const W: usize>(a: &Points<W>, b: &Points<W>) -> Points<W> {
 #[inline(always)]
 fn cross<const W: usize>(a: &Points<W>, b: &Points<W>) -> Points<W> {
     let mut out = [[0.0f32; W]; 3];
-    for axis in 0..3 {
+    for (axis, out) in out.iter_mut().enumerate() {
         let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
         for lane in 0..W {
-            out[axis][lane] = a[i][lane] * b[j][lane] - a[j][lane] * b[i][lane];
+            out[lane] = a[i][lane] * b[j][lane] - a[j][lane] * b[i][lane];
         }
     }
     out

@@ -65,9 +65,10 @@ fn noise_of_markers_is_not_amplified() {
     let takes = swaying(&proxy, 40, 3e-4);
     let roughness = |tolerance: f64| {
         let (poses, ..) = solved(&proxy, &Options { tolerance, ..Options::default() }, &takes);
-        let squares = poses.windows(3).skip(2).flat_map(|p| {
-            (0..proxy.rest.len()).map(|v| (p[0][v] - p[1][v] * 2.0 + p[2][v]).length_squared())
-        });
+        let squares = poses
+            .windows(3)
+            .skip(2)
+            .flat_map(|p| (0..proxy.rest.len()).map(|v| (p[0][v] - p[1][v] * 2.0 + p[2][v]).length_squared()));
         squares.sum::<f64>().sqrt()
     };
     let converged = roughness(1e-10);
