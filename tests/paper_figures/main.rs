@@ -27,6 +27,9 @@ const SLIVER: f64 = 0.01;
 /// Share of the volume that they may hold together.
 const IN_SLIVERS: f64 = 1e-5;
 
+/// Thickness of the plate that stands for an open sheet: within the coat of tetrahedra around it, and more than where its sides are asked.
+const PLATE: f64 = 0.15;
+
 const NO_POINTS: Targets = Targets { positions: Vec::new(), presence: Vec::new() };
 
 /// What is held, what is moved, and where to.
@@ -87,6 +90,11 @@ impl Posed {
 
 /// Holds and moves whole regions by exact handles, as a user of the library would.
 fn pose(shape: &Shape, task: &Task, options: &Options) -> Posed {
+    pose_with(shape, shape, task, options)
+}
+
+/// The same; what is posed of it are the points of `skin`, which lie on it or near it.
+fn pose_with(shape: &Shape, skin: &Shape, task: &Task, options: &Options) -> Posed {
     let (lo, hi) = shape.bounds();
     let unit_box = UnitBox { centre: (lo + hi) * 0.5, diagonal: (hi - lo).length() };
     let points: Vec<DVec3> = shape.points.iter().map(|p| unit_box.enter(*p)).collect();
@@ -118,6 +126,7 @@ fn pose(shape: &Shape, task: &Task, options: &Options) -> Posed {
         }
         assert!(passes < 5000, "{}: no end after {passes} passes", shape.name);
     }
+    let points: Vec<DVec3> = skin.points.iter().map(|p| unit_box.enter(*p)).collect();
     let map = SurfaceMap::build(&proxy, &points, MapKind::Ring).unwrap();
     let mut mapped = vec![Vec::new()];
     map.apply(&[deformer.pose()], &mut mapped);
@@ -266,7 +275,10 @@ fn bends_evenly(sections: &[(Section, Section)], shape: &Shape, degrees: f64, (f
 fn bumps_of_a_plane_turn_though_its_border_is_only_moved() {
     for (shape, radius) in [(Some(shapes::bumpy_plane()), 0.6), (shapes::real("bumpy_plane.obj.gz"), 0.42)] {
         let Some(shape) = shape else { continue };
+        // An open sheet has no sides, and what goes round a place beside it is no whole number; the sides of a thin plate below it are asked.
         let closed = radius == 0.6;
+        let plate = (!closed).then(|| shapes::plate(&shape, PLATE));
+        let skin = plate.as_ref().unwrap_or(&shape);
         let pivot = DVec3::new(10.0, 5.0, 0.0);
         // Nothing but a shift is prescribed, and to the right border only.
         let task = Task {
@@ -276,7 +288,7 @@ fn bumps_of_a_plane_turn_though_its_border_is_only_moved() {
             turn: DQuat::IDENTITY,
             target: pivot + DVec3::new(-2.0, 0.0, 4.0),
         };
-        let posed = pose(&shape, &task, &Options::default());
+        let posed = pose_with(&shape, skin, &task, &Options::default());
         pictures::keep("plane", &shape, &[("rest", &shape.points), ("border moved", &posed.points)]);
         let bumps = shapes::bumps(&shape, radius);
         assert!(bumps.len() >= 25, "{}", bumps.len());
@@ -296,7 +308,7 @@ fn bumps_of_a_plane_turn_though_its_border_is_only_moved() {
             alike.map(move |b| (a.1 - b.1).abs())
         }));
         let (inverted, share) = posed.inverted();
-        let surface = measures::Surface::compare(&shape.points, &posed.points, &shape.triangles);
+        let surface = measures::Surface::compare(&skin.points, &posed.points, &skin.triangles);
         let volume = if closed { posed.volume(&shape) } else { posed.stats.volume_ratio };
         eprintln!(
             "{}: {} bumps turn by up to {steepest:.1}°, sideways {sideways:.1}°, uneven {uneven:.1}°, each keeps its shape within {unlike:.2} % of its radius · \
@@ -310,8 +322,8 @@ fn bumps_of_a_plane_turn_though_its_border_is_only_moved() {
             posed.passes
         );
         assert!(inverted == 0 && share < IN_SLIVERS);
-        // An open surface has no sides.
-        assert!(!closed || surface.inverted == 0 && surface.asked * 3 > shape.points.len() * 2);
+        assert!(surface.asked * 3 > skin.points.len() * 2, "{} of {} points asked", surface.asked, skin.points.len());
+        assert_eq!(surface.inverted, 0, "points with the inside outside");
         assert!(surface.sharpest < 40.0 && (volume - 1.0).abs() < 0.02);
         assert!(steepest > 30.0 && sideways < 5.0 && uneven < 5.0 && unlike < 5.0);
     }

@@ -2,6 +2,7 @@
 
 use super::common;
 use glam::DVec3;
+use std::collections::BTreeSet;
 use std::f64::consts::TAU;
 
 /// A named mesh in its own space.
@@ -120,6 +121,26 @@ pub fn bumpy_plane() -> Shape {
         wall(at(cells, i), at(cells, i + 1));
     }
     Shape { name: "own bumpy plane", points, triangles }
+}
+
+/// An open sheet as the closed surface of a plate below it: its points, the same again as far down along their normals, and a wall along its border.
+pub fn plate(sheet: &Shape, thickness: f64) -> Shape {
+    let under = sheet.points.len() as u32;
+    let mut normals = vec![DVec3::ZERO; sheet.points.len()];
+    for t in &sheet.triangles {
+        let [a, b, c] = t.map(|v| sheet.points[v as usize]);
+        t.iter().for_each(|&v| normals[v as usize] += (b - a).cross(c - a));
+    }
+    let mut points = sheet.points.clone();
+    points.extend(sheet.points.iter().zip(&normals).map(|(p, n)| *p - n.normalize() * thickness));
+    let mut triangles = sheet.triangles.clone();
+    triangles.extend(sheet.triangles.iter().map(|&[a, b, c]| [a, c, b].map(|v| v + under)));
+    let sides = || sheet.triangles.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
+    let all: BTreeSet<(u32, u32)> = sides().collect();
+    for (a, b) in sides().filter(|&(a, b)| !all.contains(&(b, a))) {
+        triangles.extend([[b, a, a + under], [b, a + under, b + under]]);
+    }
+    Shape { name: sheet.name, points, triangles }
 }
 
 /// The bumps in the free part of a plane: the middle of each, and its points.

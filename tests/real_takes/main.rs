@@ -7,6 +7,7 @@
 mod anatomy;
 #[path = "../common/mod.rs"]
 mod common;
+mod folds;
 mod measure;
 mod repeat;
 
@@ -62,8 +63,12 @@ impl Place {
 
 /// Runs a pair, prints its row of the table, checks the names and gives what was measured.
 fn run(name: &str, scan: &str, capture: &str, options: &[&str]) -> Option<Run> {
+    run_in(&Place::new(), name, scan, capture, options)
+}
+
+/// The same, where the outputs are needed afterwards.
+fn run_in(place: &Place, name: &str, scan: &str, capture: &str, options: &[&str]) -> Option<Run> {
     let data = common::shared()?;
-    let place = Place::new();
     let output = |ending: &str| place.path().join(format!("{name}.{ending}"));
     let scan = data.join(scan);
     let mut arguments: Vec<PathBuf> = vec![scan.clone(), data.join(capture), "--force".into()];

@@ -619,6 +619,32 @@ fn nameless_joints_are_told_by_their_form() {
 }
 
 #[test]
+fn what_a_person_carries_in_one_hand_is_not_the_hand() {
+    let model = person(0.3);
+    let mut actor = Actor::like(&model, 1.0);
+    let index = |name: &str| MIXAMO.iter().position(|m| m.0 == name).unwrap();
+    // Short arms, so that a stick in one hand makes the lengths more like those of others.
+    ["LeftForeArm", "LeftHand", "RightForeArm", "RightHand"].iter().for_each(|name| actor.offsets[index(name)] *= 0.7);
+    let exact = |capture: &Capture, by_form: bool| {
+        let Motion::Skeleton(take) = &capture.motion else { unreachable!() };
+        let rig = Rig { take, mirror: false };
+        if by_form { form::cast(&rig, false).unwrap() } else { cast::by_names(&rig, false, &BTreeMap::new()).unwrap() }
+    };
+    let expected = exact(&actor.capture(&Bend::default(), &exercise()), false);
+    let hand = index("RightHandMiddle1");
+    for length in [0.1, 0.3, 0.45] {
+        let mut armed = nameless(Actor::like(&model, 1.0));
+        armed.offsets.clone_from(&actor.offsets);
+        armed.names.push("Bone.stick".into());
+        armed.parents.push(actor.parents[hand]);
+        armed.offsets.push(actor.offsets[hand] + actor.offsets[hand].normalize() * length);
+        armed.axes.push(DQuat::IDENTITY);
+        let found = exact(&armed.capture(&Bend::default(), &exercise()), true);
+        assert_eq!(found.arms, expected.arms, "{length}");
+    }
+}
+
+#[test]
 fn a_tree_that_is_no_person_is_no_cast() {
     let model = person(0.3);
     let mut actor = Actor::like(&model, 1.0);

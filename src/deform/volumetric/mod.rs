@@ -268,7 +268,7 @@ impl Volumetric {
             asked: Targets { positions: vec![DVec3::ZERO; handles.len()], presence: vec![0.0; handles.len()] },
             oriented,
             rotations: vec![rotation::IDENTITY; blocks.list.len()],
-            memory: Memory::new(size, handles.len(), options.iterations),
+            memory: Memory::new(size, handles.len(), blocks.list.len(), options.iterations),
             p: points.clone(),
             before: points.clone(),
             rest: points,
@@ -368,8 +368,18 @@ impl Volumetric {
         distance > CUT * self.settings.diagonal
     }
 
-    /// The rest pose, moved rigidly so that the attachments come nearest to the present targets.
+    /// The rest pose, moved rigidly so that the attachments come nearest to the present targets: a start.
     fn align(&mut self) {
+        let (turn, from, to) = self.lie_at_rest();
+        self.before.copy_from_slice(&self.p);
+        let attachments = &self.attachments;
+        self.handles.place_absent(|h, _| Lanes::point(turn * (attachments[h] - from) + to));
+        self.oriented.place_absent(|p| turn * (p - from) + to);
+        self.frames = 0;
+    }
+
+    /// Positions and rotations of that pose: a turn about a point, and where that goes.
+    fn lie_at_rest(&mut self) -> (DMat3, DVec3, DVec3) {
         let present = |h: usize| (self.handles.present_weight(h), self.attachments[h], self.handles.target(h).xyz());
         let (mut total, mut from, mut to) = (0.0, DVec3::ZERO, DVec3::ZERO);
         let soft = (0..self.handles.len()).map(present).filter(|(w, ..)| *w > 0.0);
@@ -391,17 +401,13 @@ impl Volumetric {
         for (p, rest) in self.p.iter_mut().zip(&self.rest) {
             *p = Lanes::point(turn * (rest.xyz() - from) + to);
         }
-        self.before.copy_from_slice(&self.p);
         let quaternion = DQuat::from_mat3(&turn).normalize();
         for q in &mut self.rotations {
             for lane in 0..4 {
                 rotation::set_lane(q, lane, quaternion);
             }
         }
-        let attachments = &self.attachments;
-        self.handles.place_absent(|h, _| Lanes::point(turn * (attachments[h] - from) + to));
-        self.oriented.place_absent(|p| turn * (p - from) + to);
-        self.frames = 0;
+        (turn, from, to)
     }
 
     fn write_pose(&mut self) {

@@ -18,6 +18,10 @@ use std::ops::Range;
 
 /// Keeps the matrix of the harmonic weights definite on parts of the body that no oriented handle reaches; relative to its diagonal.
 const UNREACHED: f64 = 1e-12;
+/// How firmly the mean weight around a frame is held at 1 or 0, relative to the diagonal of its vertices.
+const HELD: f64 = 1e4;
+/// Weights lie a little below 0 or above 1 beyond a frame, whose surroundings have them in the mean.
+const BEYOND: f64 = 0.25;
 
 pub(super) struct Oriented {
     handles: Vec<Held>,
@@ -36,6 +40,8 @@ struct Held {
     carried: Carried,
     /// From its point to each carried one, at rest.
     offsets: Vec<DVec3>,
+    /// Whether it holds its surroundings in the mean only, and not vertex by vertex.
+    is_frame: bool,
 }
 
 /// What a handle carries: soft handles by their numbers, or places in the list of given vertices.
@@ -109,7 +115,8 @@ impl Oriented {
             }
             result.placements.push(Placement { position: handle.rest, orientation: DQuat::IDENTITY, presence: 1.0 });
             let offsets = rest.iter().map(|p| *p - handle.rest).collect();
-            result.handles.push(Held { name: handle.name.clone(), carried, offsets });
+            let is_frame = matches!(handle.grip, Grip::Frame { .. });
+            result.handles.push(Held { name: handle.name.clone(), carried, offsets, is_frame });
         }
         result.points = points.len();
         Ok((result, points))
@@ -212,7 +219,8 @@ impl Oriented {
         }
     }
 
-    /// Computes the harmonic weights: 1 on the vertices of a handle, 0 on those of the others.
+    /// Computes the harmonic weights: 1 on the vertices of a handle, 0 on those of the others; around frames in the mean, as these hold the body: a twist
+    /// between two frames begins within their surroundings.
     pub(super) fn share(
         &mut self,
         elements: &[Element],
@@ -227,6 +235,7 @@ impl Oriented {
         }
         let vertices = |h: usize| -> Vec<u32> {
             match &self.handles[h].carried {
+                Carried::Soft(_) if self.handles[h].is_frame => Vec::new(),
                 Carried::Given(range) => self.given[range.clone()].to_vec(),
                 Carried::Soft(range) => {
                     let terms = handles[range.clone()].iter().flat_map(|h| h.row.indices.iter().zip(&h.row.values));
@@ -251,11 +260,29 @@ impl Oriented {
         let free = |v: &usize| !fixed[*v];
         let anchor =
             |v: usize| Handle { name: String::new(), row: SparseRow { indices: vec![v as u32], values: vec![1.0] }, beta: 1.0 };
-        let anchored: Vec<Handle> = (0..size).filter(free).map(anchor).collect();
-        let weights: Vec<f64> = (0..size).filter(free).map(|v| anchors[v]).collect();
+        let mut anchored: Vec<Handle> = (0..size).filter(free).map(anchor).collect();
+        let mut weights: Vec<f64> = (0..size).filter(free).map(|v| anchors[v]).collect();
+        // The mean around each frame, and how firmly it is held.
+        let means: Vec<Option<(SparseRow, f64)>> = turning
+            .iter()
+            .map(|&h| match &self.handles[h].carried {
+                Carried::Soft(range) if self.handles[h].is_frame => {
+                    let row = &handles[range.start].row;
+                    let total: f64 = row.values.iter().map(|b| b.abs()).sum();
+                    let values: Vec<f64> = row.values.iter().map(|b| b.abs() / total).collect();
+                    let diagonal = row.indices.iter().map(|&v| anchors[v as usize] / UNREACHED).fold(0.0, f64::max);
+                    Some((SparseRow { indices: row.indices.clone(), values }, HELD * diagonal))
+                }
+                _ => None,
+            })
+            .collect();
+        for (row, weight) in means.iter().flatten() {
+            anchored.push(Handle { name: String::new(), row: row.clone(), beta: 1.0 });
+            weights.push(*weight);
+        }
         let factor = Cholesky::factor(&matrix(&fixed, &all, &anchored, &weights))
             .map_err(|reason| Error::refused(format!("no harmonic weights for the oriented handles: {reason}")))?;
-        for (four, sets) in turning.chunks(4).zip(sets.chunks(4)) {
+        for (chunk, (four, sets)) in turning.chunks(4).zip(sets.chunks(4)).enumerate() {
             let mut values = vec![Lanes::ZERO; size];
             for (lane, set) in sets.iter().enumerate() {
                 set.iter().for_each(|&v| values[v as usize].0[lane] = 1.0 / owners[v as usize]);
@@ -268,12 +295,22 @@ impl Oriented {
                     }
                 }
             }
+            for (h, (row, weight)) in means.iter().enumerate().filter_map(|(h, mean)| Some((h, mean.as_ref()?))) {
+                let mut lack = Lanes::ZERO;
+                if h / 4 == chunk {
+                    lack.0[h % 4] = 1.0;
+                }
+                let terms = || row.indices.iter().map(|&v| v as usize).zip(&row.values);
+                terms().filter(|(v, _)| fixed[*v]).for_each(|(v, b)| lack -= values[v] * *b);
+                terms().filter(|(v, _)| !fixed[*v]).for_each(|(v, b)| x[v] += lack * (weight * b));
+            }
             factor.solve(&mut x);
             (0..size).filter(|&v| fixed[v]).for_each(|v| x[v] = values[v]);
             for (lane, &handle) in four.iter().enumerate() {
                 let mean =
                     |corners: &[[u32; 4]; 4], l: usize| corners.iter().map(|c| x[c[l] as usize].0[lane]).sum::<f64>() / 4.0;
-                let shares = blocks.list.iter().map(|b| Lanes(std::array::from_fn(|l| mean(&b.corners, l).clamp(0.0, 1.0))));
+                let shares =
+                    blocks.list.iter().map(|b| Lanes(std::array::from_fn(|l| mean(&b.corners, l).clamp(-BEYOND, 1.0 + BEYOND))));
                 let mut shares: Vec<Lanes> = shares.collect();
                 for range in blocks.groups() {
                     let (mut sum, mut total) = (0.0, 0.0);
@@ -323,7 +360,7 @@ impl Oriented {
                     blend += t.turn * share;
                     rest -= share;
                 }
-                blend = (blend + DQuat::IDENTITY * rest.max(0.0)).normalize();
+                blend = (blend + DQuat::IDENTITY * rest).normalize();
                 let old = rotation::lane(q, lane);
                 rotation::set_lane(q, lane, (blend * old).normalize());
             }

@@ -73,30 +73,75 @@ fn spoil(deformer: &mut Volumetric, lost: Lost, seed: u64) {
     deformer.last.converged = false;
 }
 
-/// Spoils and solves again in every way; `make` gives a deformer, targets at rest and the diagonal. Up to the distance `slow` after 120 plain iterations.
-fn recover(name: &str, seed: u64, slow: f64, make: impl Fn(&Options) -> Option<(Volumetric, Targets, f64)>) {
+/// Plain iterations.
+const PLAIN: u32 = 120;
+
+/// Frames within which a pose is solved by default.
+const FRAMES: u32 = 6;
+
+/// What came of the spoiled states: so many of them, those near enough, and the figures of the worst.
+#[derive(Default)]
+struct Count {
+    all: u32,
+    plain: u32,
+    default: u32,
+    farthest_plain: f64,
+    farthest: f64,
+    /// Until it was solved to the tolerance, by default.
+    frames: u32,
+    passes: Vec<u32>,
+}
+
+/// Spoils and solves again in every way, from a pose that is solved for the targets that `make` gives with a deformer and the diagonal: near it are 5e-3
+/// of the diagonal after plain iterations and 1e-3 by default.
+fn recover(name: &str, seeds: std::ops::RangeInclusive<u64>, make: impl Fn(&Options) -> Option<(Volumetric, Targets, f64)>) {
+    let Some((_, targets, diagonal)) = make(&plain(PLAIN)) else { return };
+    let ways = [plain(PLAIN), Options::default()].map(|options| {
+        let bulk = options.effective_bulk();
+        let (mut exact, ..) = make(&Options { bulk, tolerance: 1e-7, ..Options::default() }).unwrap();
+        (0..4).for_each(|_| _ = exact.step(&targets).unwrap());
+        (options, exact.pose().to_vec())
+    });
     for lost in [Lost::Positions, Lost::Rotations, Lost::DifferentialCoordinates] {
-        let Some((mut deformer, targets, diagonal)) = make(&plain(120)) else { return };
-        deformer.start(&targets).unwrap();
-        let rest = deformer.pose().to_vec();
-        spoil(&mut deformer, lost, seed);
-        deformer.step(&targets).unwrap();
-        let energies = deformer.energies();
-        assert!(energies.windows(2).all(|e| e[1] <= e[0] * (1.0 + 1e-9)), "{name} {lost:?}: {energies:?}");
-        let after_120 = distance(deformer.pose(), &rest) / diagonal;
-        let (mut deformer, ..) = make(&Options::default()).unwrap();
-        deformer.start(&targets).unwrap();
-        spoil(&mut deformer, lost, seed);
-        let stats = deformer.step(&targets).unwrap();
-        let energies = deformer.energies();
-        assert!(energies.windows(2).all(|e| e[1] <= e[0] * (1.0 + 1e-9)), "{name} {lost:?}: {energies:?}");
-        let by_default = distance(deformer.pose(), &rest) / diagonal;
+        let mut count = Count::default();
+        for seed in seeds.clone() {
+            let [plain, default] = ways.each_ref().map(|(options, exact)| {
+                let (mut deformer, ..) = make(options).unwrap();
+                deformer.start(&targets).unwrap();
+                spoil(&mut deformer, lost, seed);
+                let (mut passes, mut frames, mut solved) = (0, 0, false);
+                while !solved && frames < FRAMES {
+                    let stats = deformer.step(&targets).unwrap();
+                    (passes, frames, solved) = (passes + stats.passes, frames + 1, stats.converged);
+                    let energies = deformer.energies();
+                    // At rest it is rounding.
+                    assert!(energies.windows(2).all(|e| e[1] <= e[0] * (1.0 + 1e-9) + 1e-25), "{name} {lost:?}: {energies:?}");
+                    assert!(!stats.recovered, "{name} {lost:?}: {stats:?}");
+                }
+                (distance(deformer.pose(), exact) / diagonal, passes, frames)
+            });
+            count.all += 1;
+            count.plain += u32::from(plain.0 < 5e-3);
+            count.default += u32::from(default.0 < 1e-3);
+            count.farthest_plain = count.farthest_plain.max(plain.0);
+            count.farthest = count.farthest.max(default.0);
+            count.frames = count.frames.max(default.2);
+            count.passes.push(default.1);
+        }
+        count.passes.sort_unstable();
         eprintln!(
-            "{name}, {lost:?}: {after_120:.1e} after 120 plain iterations; {by_default:.1e} by default, {} passes",
-            stats.passes
+            "{name}, {lost:?}: {} of {} within 5e-3 after {PLAIN} plain iterations, the farthest at {:.1e}; by default {} within 1e-3, the farthest at \
+             {:.1e}, {} passes (median), at most {} in up to {} frames",
+            count.plain,
+            count.all,
+            count.farthest_plain,
+            count.default,
+            count.farthest,
+            count.passes[count.passes.len() / 2],
+            count.passes.last().unwrap(),
+            count.frames
         );
-        assert!(after_120 < slow, "{name} {lost:?}: {after_120}");
-        assert!(by_default < 1e-3 && stats.converged && !stats.recovered, "{name} {lost:?}: {by_default} {stats:?}");
+        assert!(count.plain == count.all && count.default == count.all, "{name} {lost:?}");
     }
 }
 
@@ -111,19 +156,27 @@ fn a_bar_comes_back_with_its_ends() {
     };
     let ends = [end(true), end(false)];
     let diagonal = proxy.rest.iter().fold(DVec3::ZERO, |m, p| m.max(*p)).length();
-    for seed in 1..=3 {
-        recover("bar", seed, 5e-3, |options| {
-            let deformer = Volumetric::with_oriented(&proxy, &[], &ends, options).unwrap();
-            Some((deformer, Targets::default(), diagonal))
-        });
+    recover("bar", 1..=20, |options| {
+        let deformer = Volumetric::with_oriented(&proxy, &[], &ends, options).unwrap();
+        Some((deformer, Targets::default(), diagonal))
+    });
+}
+
+#[test]
+fn the_stored_bodies_come_back() {
+    for name in ["bar_twist135", "spot_head_turn", "human_walk"] {
+        recover(name, 2..=3, |options| stored_poses::at_rest(name, options));
     }
 }
 
-/// Plain iteration brings back most at once, but the slowest waves of twist and bend by a hundredth per iteration only: on a finer body 120 are not
-/// always enough.
+/// At rest and in a pose, with many seeds; minutes.
 #[test]
-fn the_stored_bar_and_animal_come_back() {
-    for name in ["bar_twist135", "spot_head_turn"] {
-        recover(name, 2, 0.05, |options| stored_poses::at_rest(name, options));
+#[ignore = "minutes; scripts/engine.sh runs it"]
+fn the_stored_bodies_come_back_from_anything() {
+    for name in ["bar_twist135", "spot_head_turn", "human_walk"] {
+        recover(name, 1..=20, |options| stored_poses::at_rest(name, options));
+    }
+    for name in ["bar_twist135", "spot_head_turn", "human_walk"] {
+        recover(&format!("{name}, posed"), 1..=5, |options| stored_poses::posed(name, options));
     }
 }

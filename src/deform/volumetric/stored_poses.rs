@@ -28,9 +28,7 @@ fn case(name: &str, options: &Options) -> Option<Case> {
         eprintln!("skipped: {} is not there", path.display());
         return None;
     };
-    let begin = Instant::now();
     let deformer = stored.deformer(options);
-    eprintln!("set-up {:.1} ms, {} entries", begin.elapsed().as_secs_f64() * 1e3, deformer.factor.entries());
     Some(Case { deformer, stored })
 }
 
@@ -38,6 +36,13 @@ fn case(name: &str, options: &Options) -> Option<Case> {
 pub(super) fn at_rest(name: &str, options: &Options) -> Option<(Volumetric, Targets, f64)> {
     let Case { deformer, stored } = case(name, options)?;
     Some((deformer, stored.at_rest().0, stored.diagonal))
+}
+
+/// The same with the handles where the last frame has them.
+pub(super) fn posed(name: &str, options: &Options) -> Option<(Volumetric, Targets, f64)> {
+    let Case { mut deformer, mut stored } = case(name, options)?;
+    deformer.place(stored.placements.last().unwrap()).unwrap();
+    Some((deformer, stored.targets.pop().unwrap(), stored.diagonal))
 }
 
 /// Solves all frames in order; returns the measures of each and, for the stored ones, distances of all vertices in diagonals and the energy's excess.

@@ -176,6 +176,20 @@ mod tests {
     }
 
     #[test]
+    fn a_frame_outside_takes_what_is_round_the_skin_nearest_to_it() {
+        let proxy = fork();
+        let around = Surroundings::new(&proxy);
+        // Straight above the flat top, farther and farther out.
+        let foot = DVec3::new(-0.42, 0.02, 0.075);
+        for height in [0.0, 0.01, 0.1, 0.4] {
+            let rows = around.frame(foot + DVec3::Z * height);
+            let far = |&v: &u32| proxy.rest[v as usize].distance(foot);
+            let farthest = rows[0].indices.iter().map(far).fold(0.0, f64::max);
+            assert!(farthest < 0.12, "{height}: {farthest}");
+        }
+    }
+
+    #[test]
     fn a_frame_takes_what_hangs_together_and_no_more() {
         let proxy = fork();
         let around = Surroundings::new(&proxy);
