@@ -5,12 +5,13 @@
 
 #[path = "../tests/common/c3d_writer.rs"]
 mod c3d_writer;
+#[path = "../tests/common/core_time.rs"]
+mod core_time;
 
 use c3d_writer::{C3dFile, Processor};
+use core_time::seconds_on_core;
 use retarget::capture::{self, ReadOptions};
 use std::path::Path;
-use std::sync::OnceLock;
-use std::time::Instant;
 
 const MARKERS: usize = 60;
 const FRAMES: usize = 100_000;
@@ -26,14 +27,6 @@ fn walk() -> C3dFile {
     let gap = |f: usize, m: usize| (f / 40 + 7 * m).is_multiple_of(997) && f % 40 < 9;
     let points = (0..FRAMES).flat_map(|f| (0..MARKERS).map(move |m| (!gap(f, m)).then(|| place(f, m)))).collect();
     C3dFile { labels, points, rate: 120.0, ..C3dFile::default() }
-}
-
-/// Time that this thread has spent on a core, where the system tells (Linux), so that other programs do not count; else the time of day.
-fn seconds_on_core() -> f64 {
-    static START: OnceLock<Instant> = OnceLock::new();
-    let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
-    let nanoseconds = told.and_then(|text| text.split_whitespace().next()?.parse::<f64>().ok());
-    nanoseconds.map_or_else(|| START.get_or_init(Instant::now).elapsed().as_secs_f64(), |n| n * 1e-9)
 }
 
 fn measure(path: &Path, name: &str, options: &ReadOptions) {

@@ -43,6 +43,10 @@
 
 pub use glam;
 
+// Files that tests and benches share name the library as programs do.
+#[cfg(test)]
+extern crate self as retarget;
+
 pub mod batch;
 mod beside;
 pub mod binding;

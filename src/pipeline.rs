@@ -8,11 +8,11 @@ mod oriented;
 
 use crate::binding::Binding;
 use crate::capture::MarkerTake;
-use crate::deform::{Deformer, ERROR_PER_STEP, Handle, OrientedHandle, Targets};
+use crate::deform::{Deformer, Handle, OrientedHandle, Targets};
 use crate::error::{Error, Kind, Result};
 use crate::export::{FrameBatch, FrameSink, Header, Measures, Needs, Written};
 use crate::report::{FrameMeasure, ReportWriter, Residual, Spread};
-use crate::surface::NormalVertices;
+use crate::surface::{Fans, NormalVertices};
 use fading::Fading;
 use glam::DVec3;
 use oriented::OrientedTargets;
@@ -163,7 +163,8 @@ pub fn run(mut job: Job<'_>, progress: &(dyn Fn(Progress) + Sync)) -> Result<Out
     for sink in &mut job.sinks {
         sink.begin(&job.header)?;
     }
-    let mapper = Mapper { header: job.header.clone(), needs, normal_vertices: NormalVertices::of(&job.header.scan) };
+    let fans = needs.normals.then(|| Fans::new(&job.header.scan, &NormalVertices::of(&job.header.scan)));
+    let mapper = Mapper { header: job.header.clone(), needs, fans };
     let mut writer = Writer {
         sinks: std::mem::take(&mut job.sinks),
         report: job.report.take(),
@@ -335,11 +336,17 @@ impl<'a> Solver<'a> {
         };
         let solve_ms = start.elapsed().as_secs_f64() * 1e3;
         let residual = self.residual();
-        Ok(FrameMeasure { frame: self.job.first_frame + frame as i64, stats, residual, solve_ms })
+        let error = stats.error.map(|error| error * self.millimetres());
+        Ok(FrameMeasure { frame: self.job.first_frame + frame as i64, stats, residual, error, solve_ms })
+    }
+
+    /// In a diagonal; those of the scan's unit where that is not known in metres.
+    fn millimetres(&self) -> f64 {
+        self.job.header.unit_box.diagonal * self.job.metres.map_or(1.0, |m| m * 1000.0)
     }
 
     fn residual(&mut self) -> Residual {
-        let millimetres = self.job.header.unit_box.diagonal * self.job.metres.map_or(1.0, |m| m * 1000.0);
+        let millimetres = self.millimetres();
         let pose = self.job.deformer.pose();
         self.distances.clear();
         let mut residual = Residual::default();
@@ -408,7 +415,7 @@ impl<'a> Solver<'a> {
         }
         if !m.stats.converged {
             out.unsolved.add(m.frame);
-            out.unsolved_error = out.unsolved_error.max(m.stats.step * ERROR_PER_STEP);
+            out.unsolved_error = out.unsolved_error.max(m.stats.error.unwrap_or(0.0));
         }
         if m.stats.recovered {
             out.recovered.add(m.frame);
@@ -420,7 +427,8 @@ impl<'a> Solver<'a> {
 struct Mapper {
     header: Arc<Header>,
     needs: Needs,
-    normal_vertices: NormalVertices,
+    /// If normals are needed.
+    fans: Option<Fans>,
 }
 
 impl Mapper {
@@ -435,9 +443,13 @@ impl Mapper {
             }
             self.header.map.apply(&poses[..frames], &mut batch.points);
         }
-        if self.needs.normals {
+        if let Some(fans) = &self.fans {
             batch.normals.resize_with(frames, Vec::new);
-            self.normal_vertices.compute_frames(&self.header.scan, &batch.points[..frames], &mut batch.normals);
+            let mut points: [&[[f32; 3]]; BATCH] = [&[]; BATCH];
+            for (points, frame) in points.iter_mut().zip(&batch.points) {
+                *points = frame;
+            }
+            fans.compute(&points[..frames], &mut batch.normals);
         }
         batch.map_ms = start.elapsed().as_secs_f64() * 1e3;
     }

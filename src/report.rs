@@ -30,6 +30,9 @@ pub struct FrameMeasure {
     pub stats: FrameStats,
     /// Distance of handles to targets.
     pub residual: Residual,
+    /// About how far the worst vertex is from the converged pose, in the unit of the residual; `None` with a fixed count of iterations, whose steps
+    /// tell nothing of it.
+    pub error: Option<f64>,
     /// Milliseconds of the solve.
     pub solve_ms: f64,
 }
@@ -109,6 +112,7 @@ impl ReportWriter {
                 "max": rounded(m.residual.max),
                 "worst": m.residual.worst.map(|h| names[h].as_str()),
             },
+            "error_mm": m.error.map(rounded),
             "volume_ratio": rounded(m.stats.volume_ratio),
             "inverted_tets": m.stats.inverted,
             "converged": m.stats.converged,

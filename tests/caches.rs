@@ -324,7 +324,8 @@ fn motion(header: &Header) -> (Frames, Frames) {
     };
     let points: Vec<Vec<[f32; 3]>> = (0..header.frames).map(pose).collect();
     let mut normals = vec![Vec::new(); header.frames];
-    NormalVertices::of(&header.scan).compute_frames(&header.scan, &points, &mut normals);
+    let all = NormalVertices::of(&header.scan);
+    points.iter().zip(&mut normals).for_each(|(points, normals)| all.compute(&header.scan, points, normals));
     (points, normals)
 }
 

@@ -174,7 +174,7 @@ impl Setup {
             console.station("parts", &regions.words());
         }
         let options = Options {
-            tolerance: args.quality.tolerance(),
+            tolerance: args.tolerance.unwrap_or(args.quality.tolerance()),
             iterations: args.iterations,
             stiffness: regions.stiffness.clone(),
             rigid: regions.rigid.clone(),

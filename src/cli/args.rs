@@ -261,6 +261,9 @@ pub struct Animate {
     /// A fixed count of plain iterations per frame (the paper's mode) instead of solving to a tolerance
     #[arg(long, hide_short_help = true, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "Solve")]
     pub iterations: Option<u32>,
+    /// Largest move of a vertex in the last step of a frame, in diagonals of the body, in place of the one that --quality stands for
+    #[arg(long, hide = true, value_name = "DIAGONALS", conflicts_with = "iterations", help_heading = "Solve")]
+    pub tolerance: Option<f64>,
 
     /// Keep what set-up computes of the scan in this folder, for other takes of the same scan; the outputs are the same bytes with and without
     #[arg(long, hide_short_help = true, value_name = "DIR", help_heading = "Machine")]

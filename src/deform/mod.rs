@@ -81,6 +81,9 @@ pub struct FrameStats {
     pub passes: u32,
     /// Largest move of the last preconditioned step, in diagonals.
     pub step: f64,
+    /// About how far the worst vertex is from the minimum of the energy, in diagonals: twenty steps. `None` with a fixed count of iterations, whose
+    /// steps tell nothing of it.
+    pub error: Option<f64>,
     /// Whether the tolerance was reached before the cap (always true with a fixed count of iterations).
     pub converged: bool,
     /// Whether the pose had become worthless (not finite) and was found again from the aligned rest pose.

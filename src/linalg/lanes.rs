@@ -3,6 +3,7 @@
 //! Nothing here fuses a multiplication with an addition, so the baseline and the AVX2 version of a function give the same bits.
 
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Four doubles that are added and multiplied lane by lane: a point with a spare lane, or the same quantity of four tetrahedra.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -119,6 +120,21 @@ pub(crate) fn transpose(r: [Lanes; 4]) -> [Lanes; 4] {
     ]
 }
 
+static BASELINE: AtomicBool = AtomicBool::new(false);
+
+/// Runs everything as on a processor without AVX2, or again as this one allows. The results are the same bits either way; benches and tests compare.
+pub fn use_baseline(only: bool) {
+    BASELINE.store(only, Ordering::Relaxed);
+}
+
+/// Whether the processor has AVX2 and it is to be used.
+pub(crate) fn avx2() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    return !BASELINE.load(Ordering::Relaxed) && std::arch::is_x86_feature_detected!("avx2");
+    #[cfg(not(target_arch = "x86_64"))]
+    false
+}
+
 /// Defines a function that is compiled for the baseline and for AVX2 and chosen at run time. Everything that it calls has to be inlined.
 macro_rules! for_each_instruction_set {
     ($(#[$meta:meta])* $vis:vis fn $name:ident($($arg:ident: $ty:ty),* $(,)?) $(-> $ret:ty)? $body:block) => {
@@ -134,7 +150,7 @@ macro_rules! for_each_instruction_set {
             }
 
             #[cfg(target_arch = "x86_64")]
-            if std::arch::is_x86_feature_detected!("avx2") {
+            if $crate::linalg::lanes::avx2() {
                 // SAFETY: the processor was just asked whether it has the only feature that the callee enables.
                 return unsafe { avx2($($arg),*) };
             }

@@ -9,7 +9,7 @@ mod symmetric;
 
 pub use cholesky::{Cholesky, NotPositive};
 pub use dense::DenseCholesky;
-pub use lanes::Lanes;
+pub use lanes::{Lanes, use_baseline};
 pub use ordering::elimination_order;
 pub use rotation::nearest_rotation;
 pub use symmetric::SymmetricMatrix;

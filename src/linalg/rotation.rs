@@ -78,16 +78,27 @@ pub(crate) fn newton_step(f: &Matrices, q: &mut Quaternions) -> Lanes {
 const MOST_STEPS: u32 = 20;
 
 /// The rotations nearest to `f`, to rounding, from warm estimates.
+#[inline(always)]
 pub(crate) fn extract(f: &Matrices, q: &mut Quaternions) {
-    let mut turned = Lanes::splat(f64::INFINITY);
-    let still = |turned: &Lanes, lane: usize| turned.0[lane].is_nan() || turned.0[lane] >= 1e-20;
-    for _ in 0..MOST_STEPS {
-        turned = newton_step(f, q);
-        if !(0..4).any(|lane| still(&turned, lane)) {
-            break;
+    for _ in 1..MOST_STEPS {
+        let turned = newton_step(f, q);
+        if !(0..4).any(|lane| still_turns(&turned, lane)) {
+            return;
         }
     }
-    for lane in (0..4).filter(|&lane| still(&turned, lane)) {
+    extract_exactly(f, q);
+}
+
+#[inline(always)]
+fn still_turns(turned: &Lanes, lane: usize) -> bool {
+    turned.0[lane].is_nan() | (turned.0[lane] >= 1e-20)
+}
+
+/// One more step, and the singular values for the lanes that it still turns.
+#[cold]
+fn extract_exactly(f: &Matrices, q: &mut Quaternions) {
+    let turned = newton_step(f, q);
+    for lane in (0..4).filter(|&lane| still_turns(&turned, lane)) {
         let warm = self::lane(q, lane);
         let warm = if warm.is_finite() { DMat3::from_quat(warm) } else { DMat3::IDENTITY };
         let column = |j: usize| DVec3::new(f[j].0[lane], f[3 + j].0[lane], f[6 + j].0[lane]);
@@ -164,6 +175,7 @@ fn signed_polar(f: DMat3) -> ([f64; 3], DMat3) {
 mod tests {
     use super::*;
     use glam::DQuat;
+    use proptest::prelude::*;
 
     fn lanes_of(f: DMat3) -> Matrices {
         std::array::from_fn(|k| Lanes::splat(f.col(k % 3)[k / 3]))
@@ -260,5 +272,43 @@ mod tests {
         let mut q = warm(DQuat::from_rotation_x(std::f64::consts::PI - 1e-9));
         extract(&lanes_of(DMat3::from_diagonal(DVec3::new(1.1, 1.0, 0.9))), &mut q);
         assert!(distance(matrix_of(&q), DMat3::IDENTITY) < 1e-9);
+    }
+
+    /// Stretches that are hard on rotations: flat, needles, inside out, next to inside out, nearly mirrored in two ways.
+    fn stretches() -> impl Strategy<Value = DVec3> {
+        let size = || prop_oneof![Just(0.0), Just(1.0), 1e-9..1e-6, 1e-3..0.1, 0.1..1.0, 1.0..30.0];
+        (size(), size(), size(), prop_oneof![Just(1.0), Just(-1.0)]).prop_map(|(a, b, c, sign)| DVec3::new(a, b, c * sign))
+    }
+
+    fn turns() -> impl Strategy<Value = DQuat> {
+        [-1.0..1.0f64, -1.0..1.0, -1.0..1.0, -1.0..1.0].prop_filter_map("a direction", |q| {
+            let q = DQuat::from_array(q);
+            (q.length() > 0.1).then(|| q.normalize())
+        })
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 4000, failure_persistence: None, ..ProptestConfig::default() })]
+
+        /// No rotation has a larger trace with the matrix than the exact one, and a warm start comes to it where it is the only one.
+        #[test]
+        fn warm_steps_agree_with_singular_values(u in turns(), v in turns(), s in stretches(), axis in turns(), angle in 0.0..0.5f64) {
+            let f = DMat3::from_quat(u) * DMat3::from_diagonal(s) * DMat3::from_quat(v);
+            let exact = nearest_rotation(f, DMat3::IDENTITY);
+            prop_assert!((exact.determinant() - 1.0).abs() < 1e-12 && exact.is_finite());
+            let trace = |r: DMat3| (0..3).map(|k| r.col(k).dot(f.col(k))).sum::<f64>();
+            let scale = s.abs().max_element();
+            let (singular, _) = signed_polar(f);
+            prop_assert!((trace(exact) - singular.iter().sum::<f64>()).abs() <= 1e-12 * scale);
+            let start = DMat3::from_axis_angle(axis.xyz().normalize_or(DVec3::X), angle) * exact;
+            let mut q = warm(DQuat::from_mat3(&start).normalize());
+            extract(&lanes_of(f), &mut q);
+            let norm = q.iter().map(|l| l.0[2] * l.0[2]).sum::<f64>();
+            prop_assert!((norm - 1.0).abs() < 1e-12);
+            prop_assert!(trace(matrix_of(&q)) <= trace(exact) + 1e-12 * scale);
+            if singular[1] + singular[2] > 0.05 * scale && scale > 0.0 {
+                prop_assert!(distance(matrix_of(&q), exact) < 1e-7, "{:?} from {angle}", singular);
+            }
+        }
     }
 }

@@ -1,5 +1,6 @@
 //! What both kinds of map share when they are applied: lanes of frames, chunks of vertices, vector instructions, buffers that are kept.
 
+use crate::linalg::lanes::avx2;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::sync::Mutex;
@@ -24,6 +25,13 @@ impl Indices {
         match self {
             Indices::Narrow(indices) => indices.extend(more.iter().map(|&i| i as u16)),
             Indices::Wide(indices) => indices.extend(more),
+        }
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        match self {
+            Indices::Narrow(indices) => size_of_val(&indices[..]),
+            Indices::Wide(indices) => size_of_val(&indices[..]),
         }
     }
 
@@ -127,9 +135,6 @@ pub(super) struct Avx2(());
 
 impl Avx2 {
     pub(super) fn detect() -> Option<Self> {
-        #[cfg(target_arch = "x86_64")]
-        return is_x86_feature_detected!("avx2").then_some(Self(()));
-        #[cfg(not(target_arch = "x86_64"))]
-        None
+        avx2().then_some(Self(()))
     }
 }

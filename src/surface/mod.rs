@@ -1,11 +1,13 @@
 //! Proxy pose → scan pose: the smooth local map, and normals.
 
 mod apply;
+mod fans;
 mod normals;
 mod paper;
 mod pieces;
 mod ring;
 
+pub use fans::Fans;
 pub use normals::NormalVertices;
 
 use crate::error::{Error, Result};
@@ -75,6 +77,14 @@ impl SurfaceMap {
     /// Whether there is no scan vertex.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// Bytes of pairs and points (rows) that an application reads, faces and poses besides.
+    pub fn bytes(&self) -> usize {
+        match &self.kind {
+            Kind::Ring(map) => map.bytes(),
+            Kind::Paper(map) => map.bytes(),
+        }
     }
 
     /// Maps up to eight proxy poses; `out[f]` receives the scan vertices of `poses[f]` (resized where needed, else nothing is allocated).

@@ -1,11 +1,7 @@
 //! Normals of posed surfaces, weighted by the angles at the corners (Thürmer, Wüthrich 1998).
 
-use crate::scan::{Faces, NONE, Scan};
-use rayon::prelude::*;
-use std::f32::consts::{FRAC_PI_2, PI};
-
-/// What a vertex gets that no face with an area uses.
-const WITHOUT_FACE: [f32; 3] = [0.0, 0.0, 1.0];
+use super::Fans;
+use crate::scan::{NONE, Scan};
 
 /// Normal vertices: one per scan vertex, or more where the file has a hard edge (corners of a vertex with different normal indices).
 #[derive(Clone, Debug, Default)]
@@ -59,143 +55,10 @@ impl NormalVertices {
         all
     }
 
-    /// Angle-weighted unit normals of the posed surface. Shapes: `points`: scan vertices; `out`: normal vertices.
-    ///
-    /// Polygons count as flat, with the normal of their area vector; faces without an area contribute nothing. A vertex without any such
-    /// face gets +Z. Cost: 17 ns per triangle; see [`NormalVertices::compute_frames`] for several threads.
+    /// Angle-weighted unit normals of the posed surface, see [`Fans::compute`]; for one frame. Shapes: `points`: scan vertices; `out`: normal vertices.
     pub fn compute(&self, scan: &Scan, points: &[[f32; 3]], out: &mut Vec<[f32; 3]>) {
-        let faces = &scan.mesh.faces;
-        out.clear();
-        out.resize(self.vertices.len(), [0.0; 3]);
-        let mut face = 0;
-        while face < faces.len() {
-            let range = faces.range(face);
-            if let Some(block) = triangles(faces, face) {
-                let corners = &self.corners[block.clone()];
-                add_triangles(&faces.corners[block], corners, points, out);
-                face += BLOCK;
-            } else {
-                add_polygon(&faces.corners[range.clone()], &self.corners[range], points, out);
-                face += 1;
-            }
-        }
-        for normal in out.iter_mut() {
-            let length = dot(*normal, *normal).sqrt();
-            // Not written as a division by zero: cancelled and missing normals alike.
-            *normal = if length > 1e-12 && length.is_finite() { normal.map(|x| x / length) } else { WITHOUT_FACE };
-        }
-        self.twins.iter().for_each(|&[vertex, first]| out[vertex as usize] = out[first as usize]);
+        Fans::new(scan, self).compute(&[points], std::slice::from_mut(out));
     }
-
-    /// [`NormalVertices::compute`] for several frames in parallel; the bits are the same.
-    pub fn compute_frames(&self, scan: &Scan, frames: &[Vec<[f32; 3]>], out: &mut [Vec<[f32; 3]>]) {
-        assert_eq!(frames.len(), out.len(), "one output per frame");
-        frames.par_iter().zip(out).for_each(|(points, out)| self.compute(scan, points, out));
-    }
-}
-
-/// Triangles that are worked on side by side.
-const BLOCK: usize = 8;
-
-/// The corners of the next [`BLOCK`] faces if all of them are triangles.
-fn triangles(faces: &Faces, face: usize) -> Option<std::ops::Range<usize>> {
-    let starts = faces.starts.get(face..=face + BLOCK)?;
-    starts.windows(2).all(|w| w[1] - w[0] == 3).then(|| starts[0] as usize..starts[BLOCK] as usize)
-}
-
-fn add_triangles(vertices: &[u32], corners: &[u32], points: &[[f32; 3]], out: &mut [[f32; 3]]) {
-    // x, y, z of the edges that leave corner 0, 1, 2; lanes are faces.
-    let mut edges = [[[0.0f32; BLOCK]; 3]; 3];
-    for lane in 0..BLOCK {
-        let p = [0, 1, 2].map(|k| points[vertices[3 * lane + k] as usize]);
-        for k in 0..3 {
-            for axis in 0..3 {
-                edges[k][axis][lane] = p[(k + 1) % 3][axis] - p[k][axis];
-            }
-        }
-    }
-    let [e0, e1, e2] = &edges;
-    let mut unit = [[0.0f32; BLOCK]; 3];
-    let mut angles = [[0.0f32; BLOCK]; 3];
-    for lane in 0..BLOCK {
-        let at = |e: &[[f32; BLOCK]; 3]| [e[0][lane], e[1][lane], e[2][lane]];
-        let (a, b, c) = (at(e0), at(e1), at(e2));
-        let normal = cross(a, b);
-        let area = dot(normal, normal).sqrt();
-        let scale = if area > 0.0 && area.is_finite() { 1.0 / area } else { 0.0 };
-        for axis in 0..3 {
-            unit[axis][lane] = if scale > 0.0 { normal[axis] * scale } else { 0.0 };
-        }
-        angles[0][lane] = angle(area, -dot(a, c));
-        angles[1][lane] = angle(area, -dot(a, b));
-        angles[2][lane] = angle(area, -dot(b, c));
-    }
-    for lane in 0..BLOCK {
-        for k in 0..3 {
-            let normal = &mut out[corners[3 * lane + k] as usize];
-            for axis in 0..3 {
-                normal[axis] += unit[axis][lane] * angles[k][lane];
-            }
-        }
-    }
-}
-
-fn add_polygon(vertices: &[u32], corners: &[u32], points: &[[f32; 3]], out: &mut [[f32; 3]]) {
-    let count = vertices.len();
-    if count < 3 {
-        return;
-    }
-    let at = |k: usize| points[vertices[k % count] as usize];
-    // Newell's area vector, from the first corner.
-    let mut area = [0.0f32; 3];
-    for k in 1..count - 1 {
-        let part = cross(minus(at(k), at(0)), minus(at(k + 1), at(0)));
-        for axis in 0..3 {
-            area[axis] += part[axis];
-        }
-    }
-    let length = dot(area, area).sqrt();
-    if !(length > 0.0 && length.is_finite()) {
-        return;
-    }
-    let unit = area.map(|x| x / length);
-    for (k, &corner) in corners.iter().enumerate() {
-        let (to, from) = (minus(at(k + 1), at(k)), minus(at(k + count - 1), at(k)));
-        let turn = cross(to, from);
-        let sine = dot(turn, turn).sqrt();
-        let inner = angle(sine, dot(to, from));
-        // Beyond half a turn at a concave corner.
-        let inner = if dot(turn, unit) < 0.0 { 2.0 * PI - inner } else { inner };
-        for (sum, x) in out[corner as usize].iter_mut().zip(unit) {
-            *sum += x * inner;
-        }
-    }
-}
-
-/// atan2 for `y` ≥ 0 to 1e-5, in plain arithmetic: vector lanes, and the same bits on every machine. 0 where both are 0.
-fn angle(y: f32, x: f32) -> f32 {
-    let (small, large) = (y.min(x.abs()), y.max(x.abs()));
-    let t = if large > 0.0 { small / large } else { 0.0 };
-    let s = t * t;
-    let mut p = -0.011_721_2;
-    for c in [0.052_653_32, -0.116_432_87, 0.193_543_46, -0.332_623_47, 0.999_977_26] {
-        p = p * s + c;
-    }
-    let first = p * t;
-    let quarter = if y > x.abs() { FRAC_PI_2 - first } else { first };
-    if x < 0.0 { PI - quarter } else { quarter }
-}
-
-fn minus(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[cfg(test)]
@@ -328,28 +191,37 @@ mod tests {
         assert_eq!(n[5], Vec3::Z);
     }
 
-    #[test]
-    fn the_angle_is_right_to_1e_5() {
-        let worst = (0..=100_000)
-            .map(|k| std::f64::consts::PI * f64::from(k) / 100_000.0)
-            .map(|a| (f64::from(angle(a.sin().max(0.0) as f32 * 3.0, a.cos() as f32 * 3.0)) - a).abs())
-            .fold(0.0, f64::max);
-        assert!(worst < 1.3e-5, "{worst}");
-        assert_eq!(angle(0.0, 0.0), 0.0);
+    /// Triangles, quads and pentagons at random, some without area, with frames that move by themselves.
+    fn mixed() -> (Scan, Vec<Vec<[f32; 3]>>) {
+        let mut dice = Dice(4);
+        let points: Vec<DVec3> = (0..3000).map(|_| dice.point(1.0)).collect();
+        let face = |k: u32| (0..3 + k % 3).map(|i| (k * 7 + i * (k % 11)) % 3000).collect::<Vec<_>>();
+        let faces: Vec<Vec<u32>> = (0..5000).map(face).collect();
+        let scan = scan(&points, &faces.iter().map(|f| &f[..]).collect::<Vec<_>>());
+        let frames = (0..8).map(|_| (0..3000).map(|_| dice.point(1.0).as_vec3().to_array()).collect()).collect();
+        (scan, frames)
     }
 
     #[test]
-    fn frames_in_parallel_have_the_same_bits() {
-        let scan = scan(&cube(), &QUADS.iter().map(|q| &q[..]).collect::<Vec<_>>());
-        let mut dice = Dice(4);
-        let frames: Vec<Vec<[f32; 3]>> = (0..5).map(|_| (0..8).map(|_| dice.point(1.0).as_vec3().to_array()).collect()).collect();
-        let all = NormalVertices::of(&scan);
-        let mut out = vec![Vec::new(); 5];
-        all.compute_frames(&scan, &frames, &mut out);
-        for (points, out) in frames.iter().zip(&out) {
-            let mut alone = Vec::new();
-            all.compute(&scan, points, &mut alone);
-            assert_eq!(&alone, out);
+    fn neither_neighbours_nor_threads_nor_instructions_change_bits() {
+        let (scan, frames) = mixed();
+        let fans = Fans::new(&scan, &NormalVertices::of(&scan));
+        let alone: Vec<Vec<[f32; 3]>> = frames
+            .iter()
+            .map(|points| {
+                let mut out = vec![Vec::new()];
+                fans.compute_with_baseline(&[points], &mut out);
+                out.remove(0)
+            })
+            .collect();
+        for count in 0..=8 {
+            let batch: Vec<&[[f32; 3]]> = frames[..count].iter().map(|f| &f[..]).collect();
+            for threads in [1, 3] {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                let mut out = vec![vec![[9.0; 3]; 7]; count];
+                pool.install(|| fans.compute(&batch, &mut out));
+                assert!(out == alone[..count], "{count} {threads}");
+            }
         }
     }
 }

@@ -47,6 +47,10 @@ impl PaperMap {
         self.starts.len() - 1
     }
 
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(&self.starts[..]) + self.indices.bytes() + size_of_val(&self.values[..])
+    }
+
     pub(super) fn row(&self, vertex: usize) -> SparseRow {
         let range = self.starts[vertex]..self.starts[vertex + 1];
         SparseRow { indices: range.clone().map(|k| self.indices.get(k) as u32).collect(), values: self.values[range].to_vec() }

@@ -65,6 +65,11 @@ impl RingMap {
         self.points.len()
     }
 
+    pub(super) fn bytes(&self) -> usize {
+        let Pairs { starts, faces, weights } = &self.pairs;
+        size_of_val(&starts[..]) + faces.bytes() + size_of_val(&weights[..]) + size_of_val(&self.points[..])
+    }
+
     pub(super) fn row(&self, vertex: usize) -> SparseRow {
         let point = DVec3::from_array(self.points[vertex].map(f64::from));
         let range = self.pairs.starts[vertex] as usize..self.pairs.starts[vertex + 1] as usize;

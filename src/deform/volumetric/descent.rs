@@ -1,8 +1,8 @@
 //! One frame: from the predicted pose down to the minimum of the energy.
 
 use super::anderson::Anderson;
-use super::{FrameStats, Volumetric};
-use crate::linalg::lanes::{Lanes, add_scaled, longest};
+use super::{ERROR_PER_STEP, FrameStats, Volumetric};
+use crate::linalg::lanes::{Lanes, add_scaled, for_each_instruction_set, longest};
 use crate::linalg::rotation::{self, Quaternions};
 use glam::DVec3;
 
@@ -10,7 +10,10 @@ use glam::DVec3;
 const MOST_PASSES: (u32, u32) = (120, 200);
 
 /// Iterations after which the coarse level is turned with the body again, warm and cold.
-const REBUILD: (u32, u32) = (8, 6);
+const REBUILD: (u32, u32) = (12, 6);
+
+/// How much more the coarse correction counts, per bulk: the matrix has weights that bound the change of volume, while bodies bend and twist without one.
+const BENDING: f64 = 0.9;
 
 /// A global step that moves the solution of the last one by less than this, in diagonals, need not be repeated.
 const EXACT: f64 = 1e-12;
@@ -34,6 +37,7 @@ pub(super) struct Settings {
     /// Diagonal of the rest box.
     pub(super) diagonal: f64,
     pub(super) iterations: Option<u32>,
+    pub(super) rotation_steps: Option<u32>,
     /// Angle, see [`super::Options::interpolate_above`].
     pub(super) interpolate_above: f64,
 }
@@ -81,7 +85,10 @@ impl Volumetric {
         self.memory.energies.clear();
         let turned = self.turn_with_handles();
         let mut stats = match self.settings.iterations {
-            Some(count) => self.alternate(count),
+            Some(count) => match self.settings.rotation_steps {
+                None => self.alternate(count),
+                Some(steps) => self.alternate_warm(count, steps),
+            },
             None => self.descend(turned),
         };
         let (inverted, worst, volume_ratio) = self.blocks.measure(&self.p);
@@ -113,6 +120,20 @@ impl Volumetric {
             self.memory.energies.push(energy);
         }
         FrameStats { passes, step: step / self.settings.diagonal, converged: true, energy, ..Default::default() }
+    }
+
+    /// The same with rotations that follow by so many steps: one pass and one solve per iteration.
+    fn alternate_warm(&mut self, count: u32, steps: u32) -> FrameStats {
+        self.before.copy_from_slice(&self.p);
+        self.oriented.put_given(&mut self.p);
+        let mut energy = self.evaluate(Place::Current, steps);
+        let mut step = 0.0;
+        for _ in 0..count {
+            step = self.global_step();
+            energy = self.evaluate(Place::Current, steps);
+            self.memory.energies.push(energy);
+        }
+        FrameStats { passes: count + 1, step: step / self.settings.diagonal, converged: true, energy, ..Default::default() }
     }
 
     /// One iteration from the body at rest where the handles are, turned with them, instead of a worthless pose, if that has less `energy`: the plain
@@ -245,7 +266,14 @@ impl Volumetric {
                     }
                     if next.is_nan() || next > energy * (1.0 + HARMLESS) + rounding {
                         // No way down from here: the pose stays.
-                        return FrameStats { passes, step, converged: false, energy, ..Default::default() };
+                        return FrameStats {
+                            passes,
+                            step,
+                            error: estimate(step),
+                            converged: false,
+                            energy,
+                            ..Default::default()
+                        };
                     }
                 }
             }
@@ -254,7 +282,7 @@ impl Volumetric {
             self.memory.energies.push(energy);
             let converged = step < self.settings.tolerance;
             if converged || passes >= cap || !step.is_finite() {
-                return FrameStats { passes, step, converged, energy, ..Default::default() };
+                return FrameStats { passes, step, error: estimate(step), converged, energy, ..Default::default() };
             }
         }
     }
@@ -284,10 +312,21 @@ impl Volumetric {
         } else {
             m.load.fill(Lanes::ZERO);
         }
-        for ((step, plain), load) in m.step.iter_mut().zip(&m.plain).zip(&m.load) {
-            *step = -(*plain + *load);
+        full_step(&m.plain, &m.load, 1.0 + BENDING * self.blocks.bulk(), &mut m.step);
+    }
+}
+
+for_each_instruction_set! {
+    fn full_step(plain: &[Lanes], load: &[Lanes], share: f64, step: &mut [Lanes]) {
+        for ((step, plain), load) in step.iter_mut().zip(plain).zip(load) {
+            *step = -(*plain + *load * share);
         }
     }
+}
+
+/// The error of a pose after a step.
+fn estimate(step: f64) -> Option<f64> {
+    Some(step * ERROR_PER_STEP)
 }
 
 #[derive(Clone, Copy)]

@@ -11,7 +11,7 @@
 //! The drag d fades with the motion of the targets: a body that is held still comes to the minimum without it. Tetrahedra that keep their volume have none.
 
 use super::elements::{Blocks, determinants};
-use crate::linalg::lanes::Lanes;
+use crate::linalg::lanes::{Lanes, for_each_instruction_set};
 use crate::linalg::rotation::{self, Matrices, Quaternions};
 use glam::DMat3;
 
@@ -79,8 +79,14 @@ impl Drag {
 
     /// As [`Blocks::pass`]: the energy of the drag, and half its gradient added to `g`.
     pub(super) fn pass(&mut self, blocks: &Blocks, p: &[Lanes], newton: u32, g: &mut [Lanes]) -> f64 {
+        pass(&mut self.held, blocks, p, newton, g)
+    }
+}
+
+for_each_instruction_set! {
+    fn pass(held: &mut [Held], blocks: &Blocks, p: &[Lanes], newton: u32, g: &mut [Lanes]) -> f64 {
         let mut energy = Lanes::ZERO;
-        for held in &mut self.held {
+        for held in held {
             let f = blocks.deformation(held.block, p);
             // The stretch is its own transpose.
             let turned = product(&f, &held.stretch);
@@ -89,10 +95,10 @@ impl Drag {
             }
             let mut pull = product(&rotation::matrices(&held.rotations), &held.stretch);
             let mut square = Lanes::ZERO;
-            for (pull, f) in pull.iter_mut().zip(&f) {
-                let d = *f - *pull;
+            for k in 0..9 {
+                let d = f[k] - pull[k];
                 square += d * d;
-                *pull = d * held.weight;
+                pull[k] = d * held.weight;
             }
             energy += square * held.weight;
             blocks.add_pull(held.block, &pull, g);
@@ -101,11 +107,15 @@ impl Drag {
     }
 }
 
+#[inline(always)]
 fn product(a: &Matrices, b: &Matrices) -> Matrices {
-    std::array::from_fn(|k| {
-        let (i, j) = (k / 3 * 3, k % 3);
-        a[i] * b[j] + a[i + 1] * b[3 + j] + a[i + 2] * b[6 + j]
-    })
+    let mut out = [Lanes::ZERO; 9];
+    for i in 0..3 {
+        for j in 0..3 {
+            out[3 * i + j] = a[3 * i] * b[j] + a[3 * i + 1] * b[3 + j] + a[3 * i + 2] * b[6 + j];
+        }
+    }
+    out
 }
 
 fn transposed(a: &Matrices) -> Matrices {

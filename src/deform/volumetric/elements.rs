@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::linalg::lanes::{Lanes, for_each_instruction_set, transpose};
 use crate::linalg::rotation::{self, Matrices, Quaternions};
 use crate::proxy::Proxy;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use std::ops::Range;
 
 /// One tetrahedron at rest.
@@ -19,8 +19,7 @@ pub(super) struct Element {
     pub(super) volume: f64,
     /// Volume, less where the tetrahedron would be a sliver stiffer than the cap.
     pub(super) capped: f64,
-    /// `capped` times the stiffness times `1 + bulk`: the weight in the matrix. The energy has it over `1 + bulk`, so that the matrix bounds the
-    /// curvature of the change of volume too.
+    /// `capped` times the stiffness times [`in_matrix`]: the weight in the matrix. The energy has it without that.
     pub(super) weight: f64,
     /// Weight of the change of volume, relative to that of a tetrahedron that is no sliver.
     pub(super) bulk: f64,
@@ -33,6 +32,12 @@ const FOLDED: f64 = 0.25;
 const FOLDED_BULK: f64 = 4.0;
 /// The change of volume `g` counts as `g² / (1 + g² · SATURATION)`.
 const SATURATION: f64 = 0.25;
+
+/// Weight of a tetrahedron in the matrix over that in the energy, so that the matrix bounds the curvature of the change of volume too. `1 + bulk` would
+/// do where nothing is folded; with that, folds and their drag make every fifth step too long, which costs half as many passes again.
+fn in_matrix(bulk: f64) -> f64 {
+    1.0 + 2.0 * bulk
+}
 
 /// Slivers stiffer than this many medians count less in the change of volume: a small move turns and stretches them without end, so that its
 /// curvature has no bound there, while their volume is next to nothing.
@@ -92,7 +97,7 @@ pub(super) fn elements(proxy: &Proxy, options: &Options) -> Result<Vec<Element>>
     }
     cap_slivers(&mut elements, options.sliver_cap);
     for element in &mut elements {
-        element.weight *= element.capped * (1.0 + options.effective_bulk());
+        element.weight *= element.capped * in_matrix(options.effective_bulk());
     }
     Ok(elements)
 }
@@ -188,14 +193,14 @@ impl Blocks {
         self.pass_with(self.bulk, p, rotations, newton, g)
     }
 
-    /// The same for the energy without the change of volume and `1 + bulk` times the weights: its matrix is exactly the factored one.
+    /// The same for the energy without the change of volume, with the weights of the matrix: its matrix is exactly the factored one.
     pub(super) fn pass_without_bulk(&self, p: &[Lanes], rotations: &mut [Quaternions], g: &mut [Lanes]) {
         self.pass_with(0.0, p, rotations, 0, g);
     }
 
     fn pass_with(&self, bulk: f64, p: &[Lanes], rotations: &mut [Quaternions], newton: u32, g: &mut [Lanes]) -> f64 {
         g.fill(Lanes::ZERO);
-        let scales = if bulk > 0.0 { (1.0 / (1.0 + bulk), bulk) } else { (1.0, 0.0) };
+        let scales = (1.0 / in_matrix(bulk), bulk);
         let mut energy = pass(&self.list[..self.free], p, &mut rotations[..self.free], newton, scales, g);
         for range in &self.groups {
             let (blocks, rotations) = (&self.list[range.clone()], &mut rotations[range.clone()]);
@@ -217,16 +222,18 @@ impl Blocks {
     }
 
     /// Deformation gradients of a block.
+    #[inline(always)]
     pub(super) fn deformation(&self, block: usize, p: &[Lanes]) -> Matrices {
         deformation(&self.list[block], p)
     }
 
     /// Weights of a block in the energy; zero in lanes that only fill it up.
     pub(super) fn weight(&self, block: usize) -> Lanes {
-        self.list[block].weight * (1.0 / (1.0 + self.bulk))
+        self.list[block].weight * (1.0 / in_matrix(self.bulk))
     }
 
     /// Adds to half a gradient by the points what a block has by the deformation gradients.
+    #[inline(always)]
     pub(super) fn add_pull(&self, block: usize, pull: &Matrices, g: &mut [Lanes]) {
         let block = &self.list[block];
         add_to_corners(&block.corners, &hat_products(block, pull), g);
@@ -244,9 +251,7 @@ impl Blocks {
 
     /// The rotations nearest to the deformation gradients of `p`, to rounding.
     pub(super) fn extract(&self, p: &[Lanes], rotations: &mut [Quaternions]) {
-        for (block, q) in self.list[..self.free].iter().zip(rotations.iter_mut()) {
-            rotation::extract(&deformation(block, p), q);
-        }
+        extract(&self.list[..self.free], p, rotations);
         for range in &self.groups {
             let mut q = rotations[range.start];
             rotation::extract(&mean_deformation(&self.list[range.clone()], p), &mut q);
@@ -254,19 +259,17 @@ impl Blocks {
         }
     }
 
-    /// Loads by which a turn of the tetrahedra pulls at their corners: `w R grad`, added corner by corner at `slots`; and `w R` itself per block.
+    /// Adds the loads by which a turn of the tetrahedra pulls at their corners, `w R grad`, corner by corner at `slots`; and `w R` itself to the sums of
+    /// their `clusters`.
     pub(super) fn turning_loads(
         &self,
         rotations: &[Quaternions],
         slots: &[[[u32; 4]; 4]],
+        clusters: &[[u32; 4]],
         loads: &mut [Lanes],
-        mut each: impl FnMut(usize, &Matrices),
+        sums: &mut [DMat3],
     ) {
-        for (index, ((block, q), slots)) in self.list.iter().zip(rotations).zip(slots).enumerate() {
-            let turned = rotation::matrices(q).map(|r| r * block.weight);
-            add_to_corners(slots, &hat_products(block, &turned), loads);
-            each(index, &turned);
-        }
+        turning_loads(&self.list, rotations, slots, clusters, loads, sums);
     }
 
     /// Tetrahedra turned inside out, the corners of the one with the most volume, and the volume of all against rest.
@@ -293,16 +296,42 @@ impl Block {
     }
 }
 
-/// `Σ w F / Σ w` in every lane: the rotation nearest to it is the best one that all can share.
-fn mean_deformation(blocks: &[Block], p: &[Lanes]) -> Matrices {
-    let (mut sum, mut total) = ([Lanes::ZERO; 9], 0.0);
-    for block in blocks {
-        for (sum, f) in sum.iter_mut().zip(deformation(block, p)) {
-            *sum += f * block.weight;
+for_each_instruction_set! {
+    /// `Σ w F / Σ w` in every lane: the rotation nearest to it is the best one that all can share.
+    fn mean_deformation(blocks: &[Block], p: &[Lanes]) -> Matrices {
+        let (mut sum, mut total) = ([Lanes::ZERO; 9], 0.0);
+        for block in blocks {
+            let f = deformation(block, p);
+            for k in 0..9 {
+                sum[k] += f[k] * block.weight;
+            }
+            total += block.weight.sum();
         }
-        total += block.weight.sum();
+        sum.map(|lanes| Lanes::splat(lanes.sum() / total))
     }
-    sum.map(|lanes| Lanes::splat(lanes.sum() / total))
+}
+
+for_each_instruction_set! {
+    fn turning_loads(
+        blocks: &[Block],
+        rotations: &[Quaternions],
+        slots: &[[[u32; 4]; 4]],
+        clusters: &[[u32; 4]],
+        loads: &mut [Lanes],
+        sums: &mut [DMat3],
+    ) {
+        for (((block, q), slots), clusters) in blocks.iter().zip(rotations).zip(slots).zip(clusters) {
+            let mut m = rotation::matrices(q);
+            for m in &mut m {
+                *m = *m * block.weight;
+            }
+            add_to_corners(slots, &hat_products(block, &m), loads);
+            for lane in 0..4 {
+                let column = |k: usize| DVec3::new(m[k].0[lane], m[3 + k].0[lane], m[6 + k].0[lane]);
+                sums[clusters[lane] as usize] += DMat3::from_cols(column(0), column(1), column(2));
+            }
+        }
+    }
 }
 
 /// Deformation gradients by rows (Stoll et al. 2007, (2.6), transposed: `x' = F x`).
@@ -406,6 +435,14 @@ for_each_instruction_set! {
             add_to_corners(&block.corners, &hat_products(block, &pull), g);
         }
         energy.sum()
+    }
+}
+
+for_each_instruction_set! {
+    fn extract(blocks: &[Block], p: &[Lanes], rotations: &mut [Quaternions]) {
+        for (block, q) in blocks.iter().zip(rotations) {
+            rotation::extract(&deformation(block, p), q);
+        }
     }
 }
 

@@ -313,7 +313,7 @@ fn a_start_forgets_what_was_before() {
 }
 
 /// Numbers in −1..1 from a fixed linear congruence.
-fn noise() -> impl FnMut() -> f64 {
+pub(super) fn noise() -> impl FnMut() -> f64 {
     let mut state = 1_u64;
     move || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

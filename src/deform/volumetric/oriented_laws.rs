@@ -24,7 +24,7 @@ fn oriented(name: &str, rest: DVec3, grip: Grip) -> OrientedHandle {
 }
 
 /// A straight bar along x and its length.
-fn bar(cells: u32) -> (Proxy, f64) {
+pub(super) fn bar(cells: u32) -> (Proxy, f64) {
     let proxy = block([cells, 4, 4], 0.0);
     let length = proxy.rest.iter().map(|p| p.x).fold(0.0, f64::max);
     (proxy, length)
@@ -37,7 +37,7 @@ fn middle(proxy: &Proxy, x: f64) -> DVec3 {
 }
 
 /// Handles at both ends of a bar, two layers of vertices each.
-fn ends(proxy: &Proxy, length: f64, grip: impl Fn(Vec<u32>) -> Grip) -> [OrientedHandle; 2] {
+pub(super) fn ends(proxy: &Proxy, length: f64, grip: impl Fn(Vec<u32>) -> Grip) -> [OrientedHandle; 2] {
     let layer = proxy.rest[1].distance(proxy.rest[0]);
     let near = vertices(proxy, |p| p.x < 1.5 * layer);
     let far = vertices(proxy, |p| p.x > length - 1.5 * layer);
@@ -82,7 +82,7 @@ fn twist_of(ends: &[OrientedHandle; 2], angle: f64) -> [Placement; 2] {
 }
 
 /// A pose after each of `frames` equal parts of a twist, in which the bar grows by the part `longer`.
-fn twist_poses(
+pub(super) fn twist_poses(
     proxy: &Proxy,
     ends: &[OrientedHandle; 2],
     options: &Options,
@@ -375,9 +375,7 @@ fn five_iterations_agree_with_another_implementation() {
     let rows = [on_vertex(3), SparseRow { indices: vec![10, 15], values: vec![1.25, -0.25] }];
     let points: Vec<Handle> = rows.map(|row| Handle { name: "point".into(), row, beta: 1.0 }).into();
     let options = Options { sliver_cap: f64::INFINITY, interpolate_above: f64::INFINITY, ..plain(5) };
-    let elements = super::elements::elements(&proxy, &options).unwrap();
-    let (oriented, _) = super::oriented::Oriented::new(&proxy, std::slice::from_ref(&near), 2).unwrap();
-    let mut deformer = Volumetric::with_weights(&proxy, elements, &points, vec![0.7, 2.5], oriented, &options).unwrap();
+    let mut deformer = Volumetric::with_weights(&proxy, &points, &[0.7, 2.5], std::slice::from_ref(&near), &options).unwrap();
     let mut targets = targets_of(&proxy, &points, |p| p);
     deformer.start(&targets).unwrap();
     targets.positions[0] += DVec3::new(0.1, -0.2, 0.05);

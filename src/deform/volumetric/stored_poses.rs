@@ -3,197 +3,64 @@
 //! They live under `bench/cases` of the folder that `RETARGET_SHARED` names, else of `../shared`.
 #![allow(clippy::unwrap_used, clippy::print_stderr)]
 
-use super::oriented::Oriented;
-use super::{Options, Volumetric, elements};
-use crate::deform::{Deformer, FrameStats, Grip, Handle, OrientedHandle, Placement, Targets};
-use crate::linalg::SparseRow;
-use crate::proxy::Proxy;
-use glam::{DMat3, DQuat, DVec3};
-use std::collections::BTreeMap;
-use std::io::Read;
+#[path = "../../../tests/common/cases.rs"]
+mod cases;
+
+use super::{Options, Volumetric};
+use crate::deform::{Deformer, FrameStats, Targets};
+use cases::Case as Stored;
+use glam::{DQuat, DVec3};
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// Numeric arrays of an `.npz` file, flattened and widened.
-fn read_npz(name: &str) -> Option<BTreeMap<String, Vec<f64>>> {
+/// A stored case with a deformer.
+struct Case {
+    deformer: Volumetric,
+    stored: Stored,
+}
+
+/// A case by name.
+fn case(name: &str, options: &Options) -> Option<Case> {
     let shared = std::env::var_os("RETARGET_SHARED")
         .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
-    let path = shared.join("bench/cases").join(name);
-    let Ok(zip) = std::fs::read(&path) else {
+    let path = shared.join("bench/cases").join(format!("{name}.npz"));
+    let Some(stored) = Stored::read(&path) else {
         eprintln!("skipped: {} is not there", path.display());
         return None;
     };
-    let u16_at = |at: usize| usize::from(u16::from_le_bytes(zip[at..at + 2].try_into().unwrap()));
-    let u32_at = |at: usize| u32::from_le_bytes(zip[at..at + 4].try_into().unwrap()) as usize;
-    let end = (0..zip.len() - 21).rev().find(|&at| zip[at..].starts_with(b"PK\x05\x06")).unwrap();
-    let mut entry = u32_at(end + 16);
-    let mut arrays = BTreeMap::new();
-    for _ in 0..u16_at(end + 10) {
-        let (method, packed, local) = (u16_at(entry + 10), u32_at(entry + 20), u32_at(entry + 42));
-        let name = String::from_utf8_lossy(&zip[entry + 46..][..u16_at(entry + 28)]).trim_end_matches(".npy").to_owned();
-        let data = &zip[local + 30 + u16_at(local + 26) + u16_at(local + 28)..][..packed];
-        let mut npy = Vec::new();
-        match method {
-            0 => npy.extend_from_slice(data),
-            _ => _ = flate2::read::DeflateDecoder::new(data).read_to_end(&mut npy).unwrap(),
-        }
-        arrays.extend(numbers(&npy).map(|numbers| (name, numbers)));
-        entry += 46 + u16_at(entry + 28) + u16_at(entry + 30) + u16_at(entry + 32);
-    }
-    Some(arrays)
-}
-
-/// Numbers of a little-endian `.npy` file in C order.
-fn numbers(npy: &[u8]) -> Option<Vec<f64>> {
-    let header = 10 + usize::from(u16::from_le_bytes([npy[8], npy[9]]));
-    let text = String::from_utf8_lossy(&npy[10..header]);
-    let data = &npy[header..];
-    let kind = text.split('\'').nth(3)?;
-    Some(match kind {
-        "<f4" => data.as_chunks().0.iter().map(|b| f64::from(f32::from_le_bytes(*b))).collect(),
-        "<f8" => data.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect(),
-        "<i4" => data.as_chunks().0.iter().map(|b| f64::from(i32::from_le_bytes(*b))).collect(),
-        "<i8" => data.as_chunks().0.iter().map(|b| i64::from_le_bytes(*b) as f64).collect(),
-        _ => return None,
-    })
-}
-
-fn points(numbers: &[f64]) -> Vec<DVec3> {
-    numbers.as_chunks::<3>().0.iter().map(|p| DVec3::from_array(*p)).collect()
-}
-
-fn indices(numbers: &[f64]) -> Vec<u32> {
-    numbers.iter().map(|x| *x as u32).collect()
-}
-
-/// A stored case.
-struct Case {
-    deformer: Volumetric,
-    targets: Vec<Targets>,
-    /// Of the one or two oriented handles, per frame.
-    placements: Vec<Vec<Placement>>,
-    /// Their places at rest.
-    rests: Vec<DVec3>,
-    diagonal: f64,
-    stored: Vec<(usize, Vec<DVec3>, f64)>,
-}
-
-/// A case by name. Its given vertices are regions with an imposed rotation each.
-fn case(name: &str, options: &Options) -> Option<Case> {
-    let arrays = read_npz(&format!("{name}.npz"))?;
-    let rest = points(&arrays["V"]);
-    let tets = indices(&arrays["T"]).as_chunks().0.to_vec();
-    let proxy = Proxy { rest, tets, ..Default::default() };
-    let rows = arrays.get("row_ptr").map_or(vec![0], |rows| indices(rows));
-    let handles: Vec<Handle> = rows
-        .windows(2)
-        .map(|range| {
-            let range = range[0] as usize..range[1] as usize;
-            let mut terms: Vec<(u32, f64)> = range.map(|i| (arrays["row_idx"][i] as u32, arrays["row_val"][i])).collect();
-            terms.sort_by_key(|t| t.0);
-            let (indices, values) = terms.into_iter().unzip();
-            Handle { name: "stored".into(), row: SparseRow { indices, values }, beta: 1000.0 }
-        })
-        .collect();
-    let frames = arrays["frames"][0] as usize;
-    let soft = arrays.get("soft_targets").map_or(Vec::new(), |soft| points(soft));
-    let count = handles.len();
-    let of = |frame: usize| soft[frame * count..(frame + 1) * count].to_vec();
-    let targets = (0..frames).map(|f| Targets { positions: of(f), presence: vec![1.0; count] }).collect();
-    let (oriented, placements) = regions(&arrays, &proxy, frames);
-    let stored = indices(&arrays["pose_frames"])
-        .iter()
-        .zip(points(&arrays["poses"]).chunks(proxy.rest.len()))
-        .zip(&arrays["pose_energy"])
-        .map(|((frame, pose), energy)| (*frame as usize, pose.to_vec(), *energy))
-        .collect();
-    let elements = elements::elements(&proxy, options).unwrap();
-    let (lo, hi) = proxy.rest.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
-    let oriented_rests = oriented.iter().map(|h| h.rest).collect();
-    let (oriented, points) = Oriented::new(&proxy, &oriented, handles.len()).unwrap();
-    assert!(points.is_empty(), "exact grips have no points that pull");
-    let deformer = Volumetric::with_weights(
-        &proxy,
-        elements,
-        &handles,
-        arrays.get("weights").cloned().unwrap_or_default(),
-        oriented,
-        options,
-    )
-    .unwrap();
-    Some(Case { deformer, targets, placements, rests: oriented_rests, diagonal: (hi - lo).length(), stored })
-}
-
-/// The regions of a case and their placements per frame: every connected set of tetrahedra with an imposed rotation is one.
-fn regions(arrays: &BTreeMap<String, Vec<f64>>, proxy: &Proxy, frames: usize) -> (Vec<OrientedHandle>, Vec<Vec<Placement>>) {
-    let (mut handles, mut placements) = (Vec::new(), vec![Vec::new(); frames]);
-    let count = (0..).take_while(|k| arrays.contains_key(&format!("frame{k}_tets"))).count();
-    if count == 0 {
-        return (handles, placements);
-    }
-    let hard = indices(&arrays["hard"]);
-    let hard_targets = points(&arrays["hard_targets"]);
-    for k in 0..count {
-        let tets = indices(&arrays[&format!("frame{k}_tets")]);
-        let mut vertices: Vec<u32> = tets.iter().flat_map(|&t| proxy.tets[t as usize]).collect();
-        vertices.sort_unstable();
-        vertices.dedup();
-        let mean = |points: &dyn Fn(u32) -> DVec3| vertices.iter().map(|&v| points(v)).sum::<DVec3>() / vertices.len() as f64;
-        let rest = mean(&|v| proxy.rest[v as usize]);
-        for (frame, placements) in placements.iter_mut().enumerate() {
-            let target = |v: u32| hard_targets[frame * hard.len() + hard.iter().position(|&h| h == v).unwrap()];
-            // Rows of R with x' = R x.
-            let r = &arrays["rotations"][9 * (count * frame + k)..][..9];
-            let turn = DMat3::from_cols_array(&std::array::from_fn(|i| r[i % 3 * 3 + i / 3]));
-            let orientation = DQuat::from_mat3(&turn).normalize();
-            placements.push(Placement { position: mean(&target), orientation, presence: 1.0 });
-        }
-        handles.push(OrientedHandle { name: format!("region {k}"), rest, grip: Grip::Exact { vertices } });
-    }
-    // Given vertices without a tetrahedron of their own among them.
-    let mut single = hard.clone();
-    single.retain(|v| !handles.iter().any(|h| matches!(&h.grip, Grip::Exact { vertices } if vertices.contains(v))));
-    for v in single {
-        for (frame, placements) in placements.iter_mut().enumerate() {
-            let position = hard_targets[frame * hard.len() + hard.iter().position(|&h| h == v).unwrap()];
-            placements.push(Placement { position, orientation: DQuat::IDENTITY, presence: 1.0 });
-        }
-        let grip = Grip::Exact { vertices: vec![v] };
-        handles.push(OrientedHandle { name: format!("vertex {v}"), rest: proxy.rest[v as usize], grip });
-    }
-    (handles, placements)
+    let deformer = stored.deformer(options);
+    Some(Case { deformer, stored })
 }
 
 /// A deformer with the handles of a case, their targets at rest, and the diagonal.
 pub(super) fn at_rest(name: &str, options: &Options) -> Option<(Volumetric, Targets, f64)> {
-    let case = case(name, options)?;
-    let rest: Vec<DVec3> = case.deformer.attachments.clone();
-    Some((case.deformer, Targets { presence: vec![1.0; rest.len()], positions: rest }, case.diagonal))
+    let Case { deformer, stored } = case(name, options)?;
+    Some((deformer, stored.at_rest().0, stored.diagonal))
 }
 
 /// The same with the handles where the last frame has them.
 pub(super) fn posed(name: &str, options: &Options) -> Option<(Volumetric, Targets, f64)> {
-    let mut case = case(name, options)?;
-    case.deformer.place(case.placements.last().unwrap()).unwrap();
-    Some((case.deformer, case.targets.pop().unwrap(), case.diagonal))
+    let Case { mut deformer, mut stored } = case(name, options)?;
+    deformer.place(stored.placements.last().unwrap()).unwrap();
+    Some((deformer, stored.targets.pop().unwrap(), stored.diagonal))
 }
 
 /// Solves all frames in order; returns the measures of each and, for the stored ones, distances of all vertices in diagonals and the energy's excess.
 fn run(case: &mut Case) -> (Vec<FrameStats>, Vec<Vec<f64>>, Vec<f64>) {
     let (mut all, mut distances, mut excess) = (Vec::new(), Vec::new(), Vec::new());
     let mut time = 0.0;
-    for (frame, targets) in case.targets.iter().enumerate() {
+    let Case { deformer, stored } = case;
+    for frame in 0..stored.targets.len() {
         let begin = Instant::now();
-        case.deformer.place(&case.placements[frame]).unwrap();
-        let stats = if frame == 0 { case.deformer.start(targets) } else { case.deformer.step(targets) }.unwrap();
+        let stats = stored.solve(deformer, frame, frame == 0);
         if frame > 2 {
             time += begin.elapsed().as_secs_f64();
         }
-        let energies = case.deformer.energies();
+        let energies = deformer.energies();
         assert!(energies.windows(2).all(|e| e[1] <= e[0] * (1.0 + 1e-9)), "frame {frame}: {energies:?}");
         all.push(stats);
-        if let Some((_, pose, energy)) = case.stored.iter().find(|s| s.0 == frame) {
-            distances.push(pose.iter().zip(case.deformer.pose()).map(|(a, b)| a.distance(*b) / case.diagonal).collect());
+        if let Some((_, pose, energy)) = stored.stored.iter().find(|s| s.0 == frame) {
+            distances.push(pose.iter().zip(deformer.pose()).map(|(a, b)| a.distance(*b) / stored.diagonal).collect());
             excess.push(stats.energy / energy - 1.0);
         }
     }
@@ -232,7 +99,7 @@ fn the_default_tolerance_is_a_fifth_of_a_millimetre_of_the_stored_walk() {
     let (stats, distances, _) = run(&mut case);
     let mut all: Vec<f64> = distances[1..].concat();
     all.sort_by(f64::total_cmp);
-    let millimetres = |d: f64| d * case.diagonal * 1e3;
+    let millimetres = |d: f64| d * case.stored.diagonal * 1e3;
     let (p99, max) = (millimetres(all[all.len() * 99 / 100]), millimetres(*all.last().unwrap()));
     eprintln!("p99 {p99:.3} mm, max {max:.3} mm, inverted {:?}", stats.iter().map(|s| s.inverted).max());
     assert!(p99 < 0.2 && max < 0.5, "{p99} {max}");
@@ -265,7 +132,7 @@ fn five_iterations_agree_with_another_implementation() {
     ];
     let off = |case: &Case, expected: &[(usize, [f64; 3])]| {
         let far = |(v, place): &(usize, [f64; 3])| case.deformer.pose()[*v].distance(DVec3::from_array(*place));
-        expected.iter().map(far).fold(0.0, f64::max) / case.diagonal
+        expected.iter().map(far).fold(0.0, f64::max) / case.stored.diagonal
     };
     let options = |interpolate_above: f64| Options {
         iterations: Some(5),
@@ -275,9 +142,8 @@ fn five_iterations_agree_with_another_implementation() {
     };
     // From rest, without the rigid alignment that a start makes.
     let Some(mut human) = case("human_walk", &options(f64::INFINITY)) else { return };
-    let rest = human.deformer.attachments.clone();
-    human.deformer.start(&Targets { presence: vec![1.0; rest.len()], positions: rest }).unwrap();
-    human.deformer.step(&human.targets[11]).unwrap();
+    human.deformer.start(&human.stored.at_rest().0).unwrap();
+    human.deformer.step(&human.stored.targets[11]).unwrap();
     let error = off(&human, &walk);
     eprintln!("human, frame 11 from rest: {error:.1e} diagonals");
     assert!(error < 1e-9, "{error}");
@@ -298,8 +164,7 @@ fn five_iterations_agree_with_another_implementation() {
     for (interpolate_above, expected) in [(0.1, with), (f64::INFINITY, without)] {
         let mut bar = case("bar_twist135", &options(interpolate_above)).unwrap();
         let no_points = Targets::default();
-        let mut placements: Vec<Placement> =
-            bar.rests.iter().map(|&position| Placement { position, orientation: DQuat::IDENTITY, presence: 1.0 }).collect();
+        let mut placements = bar.stored.at_rest().1;
         bar.deformer.place(&placements).unwrap();
         bar.deformer.start(&no_points).unwrap();
         placements[1].orientation = DQuat::from_rotation_x(135_f64.to_radians());
