@@ -65,9 +65,14 @@ impl fmt::Display for Unit {
 impl FromStr for Unit {
     type Err = String;
 
-    /// Accepts the abbreviations, English names, and a beginning of a name of at least four letters (`mete` is written by some systems).
+    /// Accepts the abbreviations, English names, a beginning of a name of at least four letters (`mete` is written by some systems), and
+    /// the words for any other length.
     fn from_str(text: &str) -> Result<Self, String> {
         let word = text.trim().trim_end_matches('\0').to_ascii_lowercase();
+        let length = word.strip_prefix("units of ").and_then(|rest| rest.strip_suffix(" mm")?.trim().parse::<f64>().ok());
+        if let Some(unit) = length.and_then(|millimetres| Unit::of_metres(millimetres * 1e-3)) {
+            return Ok(unit);
+        }
         let names = [
             (Unit::Millimetre, ["mm", "millimetres", "millimeters"]),
             (Unit::Centimetre, ["cm", "centimetres", "centimeters"]),

@@ -11,8 +11,8 @@ use super::segments::{self, Segment, Side, Skeleton};
 use super::similarity::{Held, Similarity, upright};
 use super::track::Track;
 use super::{
-    Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, Turning, checks, clusters, places, raw,
-    refuse, sides, skeletons, skin, surfaces, unlabelled,
+    Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, Turning, Watch, checks, clusters,
+    pinned, places, raw, refuse, sides, skeletons, skin, surfaces, unlabelled,
 };
 use crate::capture::{Capture, Motion};
 use crate::error::{Error, Kind, Notes, Result};
@@ -61,21 +61,24 @@ const DOUBTED: f64 = 0.3;
 /// Binds a capture to a scan.
 ///
 /// `body` is the scan as [`super::landmarks::find`] sees it. `reference` is a second capture of the same actor with the same labels, in
-/// which the reference frame is looked for.
+/// which the reference frame is looked for. `watch`: retargeted marker takes are posed frame by frame from the reference frame on, before
+/// the first frame is written.
 ///
-/// Errors: refusals that name the deciding option (`Refused`, `Ambiguous`); a reference frame outside the capture (`Usage`).
+/// Errors: refusals that name the deciding option (`Refused`, `Ambiguous`); a reference frame outside the capture (`Usage`); those of
+/// `watch`.
 pub fn bind(
     scan: &ScanShape<'_>,
     body: Result<Body, NotHuman>,
     capture: &Capture,
     reference: Option<&Capture>,
     options: &Options,
+    watch: Watch<'_>,
 ) -> Result<Binding> {
     if let Some(frozen) = &options.frozen {
         let options = &Options { mirror: frozen.mirror(), swap_sides: frozen.swap_sides(), ..options.clone() };
         let take = Take::of(capture, options);
         return match (&capture.motion, frozen.joints()) {
-            (Motion::Markers(_), None) => frozen.bind(scan, &take, options),
+            (Motion::Markers(_), None) => frozen.bind(scan, &take, options, watch),
             (Motion::Skeleton(joints), Some(kept)) => skeletons::bind_again(scan, capture, joints, frozen, kept, options),
             _ => Err(Error::refused("the rig file's [frozen] is of another kind of capture".to_owned())
                 .file(&capture.source)
@@ -110,6 +113,11 @@ pub fn bind(
                 && let Some(found) = raw::lies_on(scan, &take, None, options)
             {
                 return raw::bind_found(scan, None, &take, found, options);
+            }
+            if matches!(options.align, Align::Auto | Align::Similarity)
+                && let Some(bound) = pinned::bind(scan, &take, options)
+            {
+                return bound;
             }
             return Err(checks::no_body(&reason));
         }
@@ -151,7 +159,7 @@ pub fn bind(
     {
         return raw::bind_found(scan, Some(&body), &take, found, options);
     }
-    Human { scan, body: &body, skeleton: &skeleton, take: &take, options }.bind(reference)
+    Human { scan, body: &body, skeleton: &skeleton, take: &take, options, watch }.bind(reference)
 }
 
 /// Names of markers whose labels say nothing, and how they were told.
@@ -271,6 +279,7 @@ struct Human<'a> {
     skeleton: &'a Skeleton,
     take: &'a Take<'a>,
     options: &'a Options,
+    watch: Watch<'a>,
 }
 
 impl Human<'_> {
@@ -595,7 +604,8 @@ impl Human<'_> {
             _ => Vec::new(),
         };
         let trajectories = (align == Align::Retarget)
-            .then(|| self.retargeting(&fitted.fit, &kept).trajectories(&take.track, &handles, &kept.seen, &joints));
+            .then(|| self.retargeting(&fitted.fit, &kept).trajectories(&take.track, &handles, &kept.seen, &joints, self.watch))
+            .transpose()?;
         let (trajectories, planter) = trajectories.unzip();
         let feet = planter.flatten().and_then(|planter| planter.slip(self.scan.unit_box.diagonal));
         let strain = match &trajectories {

@@ -156,7 +156,7 @@ pub(super) fn take(person: &Person, labels: &[String], frames: &[Vec<DVec3>], ya
 pub(super) fn bound(person: &Person, capture: &Capture, options: &Options) -> Result<Binding> {
     let space = Space::default();
     let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space, mesh: None };
-    bind(&scan, Ok(person.body.clone()), capture, None, options)
+    bind(&scan, Ok(person.body.clone()), capture, None, options, &|_, _| Ok(()))
 }
 
 /// Largest distance between attachments and the landmarks that the markers were made from, in statures.
@@ -326,7 +326,7 @@ fn what_is_no_body_is_refused_with_the_way_out() {
     let space = Space::default();
     let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space, mesh: None };
     let nobody = NotHuman { reason: "five limbs".to_owned(), margin_and_cost: Some((0.04, 0.6)) };
-    let error = bind(&scan, Err(nobody), &capture, None, &Options::default()).unwrap_err();
+    let error = bind(&scan, Err(nobody), &capture, None, &Options::default(), &|_, _| Ok(())).unwrap_err();
     assert_eq!(error.exit_code(), 3);
     assert!(error.to_string().contains("--align none"));
     let few = labels_of(&["a", "b", "c", "LASI", "RASI"]);

@@ -133,7 +133,9 @@ impl Take {
         Self {
             points: Points::new(capture.motion.points(), row[5], row[6]),
             file: path(row[1]),
-            options: options.map(|o| if o.contains('/') { path(o).to_string_lossy().into_owned() } else { o.to_owned() }).collect(),
+            options: options
+                .map(|o| if o.contains('/') { path(o).to_string_lossy().into_owned() } else { o.to_owned() })
+                .collect(),
             up: row[3],
             unit: row[4],
             capture,
@@ -187,12 +189,11 @@ fn measured(mut row: Row, report: &Value, body: &Body, take: &Take, frames: &[Ve
         return row;
     };
     let shafts = Shafts::new(&body.rest, joints, body.stature);
-    let looks: Vec<usize> = (0..LOOKS.min(frames.len())).map(|k| k * (frames.len() - 1) / (LOOKS.min(frames.len()) - 1).max(1)).collect();
+    let looks: Vec<usize> =
+        (0..LOOKS.min(frames.len())).map(|k| k * (frames.len() - 1) / (LOOKS.min(frames.len()) - 1).max(1)).collect();
     let written: Vec<limbs::Posed> = looks.iter().map(|&k| shafts.posed(&body.rest, &frames[k])).collect();
-    let numbers: Vec<usize> = looks
-        .iter()
-        .map(|&k| (listed[k]["frame"].as_i64().unwrap() - take.capture.first_frame) as usize)
-        .collect();
+    let numbers: Vec<usize> =
+        looks.iter().map(|&k| (listed[k]["frame"].as_i64().unwrap() - take.capture.first_frame) as usize).collect();
     let points = take.capture.motion.points();
     let captured: Vec<_> = numbers.iter().map(|&k| take.points.directions(points, k)).collect();
     let directions: Vec<[DVec3; 8]> = written.iter().map(|p| p.directions).collect();

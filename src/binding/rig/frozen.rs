@@ -10,7 +10,7 @@ use crate::binding::segments::{Segment, Skeleton};
 use crate::binding::similarity::{Held, Similarity};
 use crate::binding::track::Track;
 use crate::binding::{
-    Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, Turning, checks, places, raw, reference,
+    Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, Turning, Watch, checks, places, raw, reference,
 };
 use crate::capture::Capture;
 use crate::error::{Error, Notes, Result};
@@ -411,7 +411,13 @@ impl Frozen {
     }
 
     /// Binds a take of the same actor on the same scan by what was decided.
-    pub(in crate::binding) fn bind(&self, scan: &ScanShape<'_>, take: &Take<'_>, options: &Options) -> Result<Binding> {
+    pub(in crate::binding) fn bind(
+        &self,
+        scan: &ScanShape<'_>,
+        take: &Take<'_>,
+        options: &Options,
+        watch: Watch<'_>,
+    ) -> Result<Binding> {
         let mut notes = Notes::default();
         self.check_scan(scan, &mut notes);
         let body = self.body();
@@ -483,7 +489,7 @@ impl Frozen {
                 feet: options.feet(take.capture),
             };
             joints = retarget::joints(skeleton, &handles);
-            let (own, planter) = retargeting.trajectories(&track, &handles, &seen, &joints);
+            let (own, planter) = retargeting.trajectories(&track, &handles, &seen, &joints, watch)?;
             feet = planter.and_then(|planter| planter.slip(scan.unit_box.diagonal));
             trajectories = Some(own);
             proportions = SIZE.iter().map(|&(r, name)| (name, fit.ratios[r as usize])).collect();

@@ -131,7 +131,7 @@ impl Actor {
 fn bound(person: &Person, capture: &Capture, options: &Options) -> Result<Binding> {
     let space = Space::default();
     let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space, mesh: None };
-    crate::binding::bind(&scan, Ok(person.body.clone()), capture, None, options)
+    crate::binding::bind(&scan, Ok(person.body.clone()), capture, None, options, &|_, _| Ok(()))
 }
 
 /// By its label, or by what follows the joint's name in it.
@@ -655,7 +655,7 @@ fn a_skeleton_that_lies_in_the_scan_moves_it_as_it_is() {
     let space = Space::default();
     let scan = ScanShape { tree: &model.tree, unit_box: model.unit_box, space: &space, mesh: None };
     let nobody = NotHuman::default();
-    let binding = crate::binding::bind(&scan, Err(nobody), &capture, None, &Options::default()).unwrap();
+    let binding = crate::binding::bind(&scan, Err(nobody), &capture, None, &Options::default(), &|_, _| Ok(())).unwrap();
     let at = |frame: usize, name: &str| {
         let j = actor.names.iter().position(|n| n == name).unwrap();
         model.unit_box.enter(pose(&exercise()[frame])[j].0)
@@ -672,7 +672,7 @@ fn a_skeleton_that_lies_in_the_scan_moves_it_as_it_is() {
     let Motion::Skeleton(take) = &mut capture.motion else { unreachable!() };
     take.joints.iter_mut().for_each(|joint| joint.rest += DVec3::X * 3.0);
     take.origins.points.iter_mut().for_each(|p| p[0] += 3.0);
-    let error = crate::binding::bind(&scan, Err(NotHuman::default()), &capture, None, &Options::default());
+    let error = crate::binding::bind(&scan, Err(NotHuman::default()), &capture, None, &Options::default(), &|_, _| Ok(()));
     assert_eq!(error.unwrap_err().exit_code(), 3);
 }
 
@@ -732,7 +732,7 @@ fn a_frame_in_which_the_joints_lie_in_the_scan_holds_them() {
     let capture = in_the_scan(&actor, &far, &frames, 1.0, 0.0, DVec3::ZERO);
     let space = Space::default();
     let scan = ScanShape { tree: &model.tree, unit_box: model.unit_box, space: &space, mesh: None };
-    let animal = || crate::binding::bind(&scan, Err(NotHuman::default()), &capture, None, &Options::default());
+    let animal = || crate::binding::bind(&scan, Err(NotHuman::default()), &capture, None, &Options::default(), &|_, _| Ok(()));
     for binding in [animal(), bound(&model, &capture, &Options::default())] {
         let binding = binding.unwrap();
         assert_eq!((binding.decisions.align, binding.decisions.reference_frame), (Align::None, 3));
