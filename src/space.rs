@@ -200,3 +200,18 @@ pub struct Space {
     /// The direction that the body faces, a unit vector across `up`.
     pub forward: Option<Known<DVec3>>,
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_words_for_a_unit_are_read_back() {
+        for metres in [0.001, 0.01, 0.1, 1.0, 0.0254, 0.3048, 0.056_444, 0.75, 1234.5] {
+            let unit = Unit::of_metres(metres).unwrap();
+            assert_eq!(unit.to_string().parse(), Ok(unit), "{unit}");
+        }
+        assert!("units of 0 mm".parse::<Unit>().is_err() && "units of NaN mm".parse::<Unit>().is_err());
+    }
+}
