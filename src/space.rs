@@ -65,9 +65,14 @@ impl fmt::Display for Unit {
 impl FromStr for Unit {
     type Err = String;
 
-    /// Accepts the abbreviations, English names, and a beginning of a name of at least four letters (`mete` is written by some systems).
+    /// Accepts the abbreviations, English names, a beginning of a name of at least four letters (`mete` is written by some systems), and
+    /// the words for any other length.
     fn from_str(text: &str) -> Result<Self, String> {
         let word = text.trim().trim_end_matches('\0').to_ascii_lowercase();
+        let length = word.strip_prefix("units of ").and_then(|rest| rest.strip_suffix(" mm")?.trim().parse::<f64>().ok());
+        if let Some(unit) = length.and_then(|millimetres| Unit::of_metres(millimetres * 1e-3)) {
+            return Ok(unit);
+        }
         let names = [
             (Unit::Millimetre, ["mm", "millimetres", "millimeters"]),
             (Unit::Centimetre, ["cm", "centimetres", "centimeters"]),
@@ -194,4 +199,19 @@ pub struct Space {
     pub up: Option<Known<Axis>>,
     /// The direction that the body faces, a unit vector across `up`.
     pub forward: Option<Known<DVec3>>,
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_words_for_a_unit_are_read_back() {
+        for metres in [0.001, 0.01, 0.1, 1.0, 0.0254, 0.3048, 0.056_444, 0.75, 1234.5] {
+            let unit = Unit::of_metres(metres).unwrap();
+            assert_eq!(unit.to_string().parse(), Ok(unit), "{unit}");
+        }
+        assert!("units of 0 mm".parse::<Unit>().is_err() && "units of NaN mm".parse::<Unit>().is_err());
+    }
 }

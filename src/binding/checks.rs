@@ -23,9 +23,10 @@ pub(super) fn no_body(reason: &NotHuman) -> Error {
         ),
         None => "an upright person, best with arms and legs apart".to_owned(),
     };
-    Error::refused(format!("no human body is recognised in the scan: {}", reason.reason))
-        .expected(expected)
-        .hint("a scan in T or A pose; or --align none if the scan lies where the capture's markers are")
+    Error::refused(format!("no human body is recognised in the scan: {}", reason.reason)).expected(expected).hint(
+        "a scan in T or A pose; places on the scan of three or more markers in [markers] of a rig file, which place the others; \
+             or --align none if the scan lies where the capture's markers are",
+    )
 }
 
 /// A scan that is clearly a person, facing clearly.

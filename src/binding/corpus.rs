@@ -42,7 +42,7 @@ fn case(scan_name: &str, take: &str, still: Option<&str>, options: &Options) -> 
     let still = still_path.as_ref().map(read);
     let shape = ScanShape { tree: &tree, unit_box, space: &scan.space, mesh: Some(&scan.mesh) };
     let start = std::time::Instant::now();
-    let bound = bind(&shape, body, &capture, still.as_ref(), options);
+    let bound = bind(&shape, body, &capture, still.as_ref(), options, &|_, _| Ok(()));
     let elapsed = start.elapsed();
     Some(bound.map(|binding| {
         let d = &binding.decisions;
@@ -153,12 +153,15 @@ fn takes_without_labels_are_told_rightly_or_refused() {
             let shape = ScanShape { tree: &tree, unit_box, space: &scan.space, mesh: Some(&scan.mesh) };
             let mut capture = capture::read(&take_path, &capture::ReadOptions::default()).unwrap();
             let named =
-                bind(&shape, body.clone(), &capture, None, &Options { accept_doubtful: true, ..Options::default() }).unwrap();
+                bind(&shape, body.clone(), &capture, None, &Options { accept_doubtful: true, ..Options::default() }, &|_, _| {
+                    Ok(())
+                })
+                .unwrap();
             let labels = capture.motion.points().labels.clone();
             let truth = |k: usize| named.handles.iter().find(|h| h.label == labels[k]).and_then(|h| h.segment);
             capture.motion.points_mut().labels = (0..labels.len()).map(|k| format!("U_{k}")).collect();
             let start = std::time::Instant::now();
-            match bind(&shape, body, &capture, None, &Options::default()) {
+            match bind(&shape, body, &capture, None, &Options::default(), &|_, _| Ok(())) {
                 Ok(bound) => {
                     let known: Vec<(Segment, Segment, &str)> = bound
                         .handles

@@ -14,6 +14,7 @@ mod fit;
 mod labels;
 pub mod landmarks;
 mod limbs;
+mod pinned;
 mod places;
 mod plant;
 mod raw;
@@ -94,6 +95,9 @@ pub enum Reference {
     /// This frame, in the capture's own numbering.
     Frame(i64),
 }
+
+/// Is told after each frame how many of how many of a long take are posed; its error ends the work.
+pub type Watch<'a> = &'a (dyn Fn(usize, usize) -> Result<()> + Sync);
 
 /// What the user decides about the binding; the default decides everything from the data.
 #[derive(Clone, Debug, Default, PartialEq)]

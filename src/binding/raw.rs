@@ -100,11 +100,42 @@ pub(super) fn bind_found(
     found: Found,
     options: &Options,
 ) -> Result<Binding> {
-    let placement = as_it_is(scan, found.factor, options);
+    let mut binding = bind_placed(scan, body, take, (as_it_is(scan, found.factor, options), found.frame), options)?;
+    if options.align == Align::None {
+        let ignored = [
+            ("--yaw", options.yaw.is_some()),
+            ("--flip", options.flip),
+            ("--capture-up", options.capture_up.is_some()),
+            ("--scan-up", options.scan_up.is_some()),
+        ];
+        let ignored: Vec<&str> = ignored.iter().filter(|i| i.1).map(|i| i.0).collect();
+        if !ignored.is_empty() {
+            binding.notes.warn(format!("{} not used with --align none", ignored.join(" and ")));
+        }
+    } else {
+        let words = "the markers lie on the scan as they are: nothing was moved (--align similarity or pose fits them instead)";
+        binding.notes.warn(words);
+    }
+    let d = &mut binding.decisions;
+    d.scale = found.factor / unit_factor(d.capture_unit, d.scan_unit);
+    if matches!(take.capture.motion, Motion::Markers(_)) {
+        binding.frozen = Some(Frozen::of(&binding, take, body, found.frame, None, options));
+    }
+    Ok(binding)
+}
+
+/// Binds every marker where a placement brings it in a frame.
+pub(super) fn bind_placed(
+    scan: &ScanShape<'_>,
+    body: Option<&Body>,
+    take: &Take<'_>,
+    (placement, frame): (Similarity, usize),
+    options: &Options,
+) -> Result<Binding> {
     let mut handles = Vec::new();
     let mut unbound = Vec::new();
     for (marker, label) in take.track.take.labels.iter().enumerate() {
-        let Some(point) = take.track.take.point(found.frame, marker) else {
+        let Some(point) = take.track.take.point(frame, marker) else {
             unbound.push((label.clone(), "not there in the reference frame".to_owned()));
             continue;
         };
@@ -123,28 +154,13 @@ pub(super) fn bind_found(
             }
         }
     }
-    let number = take.capture.first_frame + found.frame as i64;
+    let number = take.capture.first_frame + frame as i64;
     if handles.is_empty() {
         return Err(Error::refused("no marker is on the scan or within 5 % of its diagonal")
             .file(&take.capture.source)
             .at(format!("frame {number}"))
             .expected("a capture in the space of the scan")
             .hint("--capture-unit or --scan-unit, or --ref N with a frame in which they meet"));
-    }
-    let mut notes = Notes::default();
-    if options.align == Align::None {
-        let ignored = [
-            ("--yaw", options.yaw.is_some()),
-            ("--flip", options.flip),
-            ("--capture-up", options.capture_up.is_some()),
-            ("--scan-up", options.scan_up.is_some()),
-        ];
-        let ignored: Vec<&str> = ignored.iter().filter(|i| i.1).map(|i| i.0).collect();
-        if !ignored.is_empty() {
-            notes.warn(format!("{} not used with --align none", ignored.join(" and ")));
-        }
-    } else {
-        notes.warn("the markers lie on the scan as they are: nothing was moved (--align similarity or pose fits them instead)");
     }
     let unit = options.capture_unit.map(|u| Known::new(u, Evidence::User)).or(take.capture.space.unit);
     let skeleton = body.map(Skeleton::of);
@@ -160,7 +176,7 @@ pub(super) fn bind_found(
         reference_frame: number,
         reference_range: take.range(),
         reference_capture: None,
-        scale: found.factor / unit_factor(unit, scan_unit),
+        scale: placement.scale * scan.unit_box.diagonal,
         yaw: 0.0,
         scan_unit,
         scan_up: body.map(|b| Known::new(b.up, Evidence::Shape)),
@@ -179,7 +195,7 @@ pub(super) fn bind_found(
         strain: None,
         feet: None,
     };
-    let mut binding = Binding {
+    Ok(Binding {
         placement,
         segments: segments.collect(),
         handles,
@@ -188,12 +204,8 @@ pub(super) fn bind_found(
         turning: Turning::default(),
         decisions,
         frozen: None,
-        notes,
-    };
-    if matches!(take.capture.motion, Motion::Markers(_)) {
-        binding.frozen = Some(Frozen::of(&binding, take, body, found.frame, None, options));
-    }
-    Ok(binding)
+        notes: Notes::default(),
+    })
 }
 
 fn as_it_is(scan: &ScanShape<'_>, factor: f64, options: &Options) -> Similarity {

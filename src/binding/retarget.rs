@@ -9,9 +9,10 @@ use super::plant::{self, Leg, Planter};
 use super::segments::{Segment, Side, Skeleton};
 use super::similarity::Similarity;
 use super::track::Track;
-use super::{BoundMarker, actor};
+use super::{BoundMarker, Watch, actor};
 use crate::capture::MarkerTake;
-use glam::DVec3;
+use crate::error::Result;
+use glam::{DQuat, DVec3};
 
 /// Shoulders of two people lie apart on their trunks by so much (standard deviation, in statures); what the fit shifts them beyond is the
 /// clavicle.
@@ -92,14 +93,16 @@ pub(super) fn joints(body: &Skeleton, handles: &[BoundMarker]) -> Vec<BoundMarke
 impl Retargeting<'_> {
     /// The trajectories of the handles, and behind them of the `joints`, in the unit box, and what held the feet.
     ///
-    /// Shapes: `seen`: one entry per handle.
+    /// Shapes: `seen`: one entry per handle. Cost: memory grows by a pose of 288 bytes per frame while it runs, and by 12 bytes per handle
+    /// and frame for the result.
     pub(super) fn trajectories(
         &self,
         track: &Track<'_>,
         handles: &[BoundMarker],
         seen: &[Seen],
         joints: &[BoundMarker],
-    ) -> (MarkerTake, Option<Planter>) {
+        watch: Watch<'_>,
+    ) -> Result<(MarkerTake, Option<Planter>)> {
         let Self { body, fit, clavicles, placement, start, .. } = self;
         let (actor, scan) = (Chain::of_fit(body, fit), Chain::of_scan(body));
         let (turns, origins) = (fit.rotations, fit.origins);
@@ -115,7 +118,7 @@ impl Retargeting<'_> {
         let pelvis = body.bone(Segment::Pelvis).origin;
         let legs = scan.leg() / actor.leg();
         let first = Pose { root: origins[Segment::Pelvis as usize], turns, shoulders: [DVec3::ZERO; 2] };
-        let poses = chased(&actor, &held, track, placement, handles, &first, *start);
+        let poses = chased(&actor, &held, track, placement, handles, &first, *start, watch)?;
         // Of the reference frame and not of the take's own: takes of one session keep their places among each other.
         let root = first.root;
         let on_scan = |pose: &Pose| Pose {
@@ -128,7 +131,7 @@ impl Retargeting<'_> {
         let mut lowest: Vec<f64> = poses
             .iter()
             .map(|pose| {
-                let pose = on_scan(pose);
+                let pose = on_scan(&pose.pose());
                 let origins = scan.origins(&pose);
                 let heights = FEET.iter().zip(&soles).flat_map(|(&foot, sole)| {
                     sole.map(|p| (origins[foot as usize] + pose.turns[foot as usize] * p).dot(body.up))
@@ -140,6 +143,7 @@ impl Retargeting<'_> {
         let mut planter = self.feet.map(|rate| Planter::new(body, floor, rate));
         let mut points = Vec::with_capacity(poses.len() * (handles.len() + joints.len()));
         for (frame, pose) in poses.iter().enumerate() {
+            let pose = &pose.pose();
             let origins = actor.origins(pose);
             let mut on_scan = on_scan(pose);
             on_scan.root += lift;
@@ -168,7 +172,7 @@ impl Retargeting<'_> {
             points,
             ..MarkerTake::default()
         };
-        (take, planter)
+        Ok((take, planter))
     }
 }
 
@@ -196,6 +200,7 @@ fn hold(planter: &mut Planter, side: usize, pose: &mut Pose, origins: &mut [DVec
 }
 
 /// The actor's pose in every frame, going out from the one that is nearest to `first`.
+#[allow(clippy::too_many_arguments)]
 fn chased(
     actor: &Chain,
     held: &[Held],
@@ -204,10 +209,11 @@ fn chased(
     handles: &[BoundMarker],
     first: &Pose,
     start: usize,
-) -> Vec<Pose> {
+    watch: Watch<'_>,
+) -> Result<Vec<KeptPose>> {
     let frames = track.take.frames();
     let home = relative(&first.turns);
-    let mut poses = vec![first.clone(); frames];
+    let mut poses = vec![KeptPose::of(first); frames];
     let mut markers = vec![None; handles.len()];
     let mut chase = |frame: usize, before: &Pose| {
         for (marker, handle) in markers.iter_mut().zip(handles) {
@@ -215,16 +221,47 @@ fn chased(
         }
         actor.chase(held, &markers, before, &home)
     };
-    if start < frames {
-        // From far away, what ties the pose to the one before is still felt.
-        let near = chase(start, first);
-        poses[start] = chase(start, &near);
+    if start >= frames {
+        return Ok(poses);
     }
-    for frame in start + 1..frames {
-        poses[frame] = chase(frame, &poses[frame - 1]);
+    // From far away, what ties the pose to the one before is still felt.
+    let near = chase(start, first);
+    let near = chase(start, &near);
+    poses[start] = KeptPose::of(&near);
+    let mut done = 1;
+    let ways: [&mut dyn Iterator<Item = usize>; 2] = [&mut (start + 1..frames), &mut (0..start).rev()];
+    for way in ways {
+        let mut pose = near.clone();
+        for frame in way {
+            watch(done, frames)?;
+            pose = chase(frame, &pose);
+            poses[frame] = KeptPose::of(&pose);
+            done += 1;
+        }
     }
-    for frame in (0..start.min(frames)).rev() {
-        poses[frame] = chase(frame, &poses[frame + 1]);
+    Ok(poses)
+}
+
+/// A pose in half the memory, for the whole of a take: what is made of it is kept to the same precision.
+#[derive(Clone, Debug)]
+struct KeptPose {
+    root: DVec3,
+    turns: [[f32; 4]; Segment::COUNT],
+    shoulders: [[f32; 3]; 2],
+}
+
+impl KeptPose {
+    fn of(pose: &Pose) -> Self {
+        let narrow = |v: DVec3| v.to_array().map(|x| x as f32);
+        Self { root: pose.root, turns: pose.turns.map(|q| q.to_array().map(|x| x as f32)), shoulders: pose.shoulders.map(narrow) }
     }
-    poses
+
+    fn pose(&self) -> Pose {
+        let wide = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
+        Pose {
+            root: self.root,
+            turns: self.turns.map(|q| DQuat::from_array(q.map(f64::from)).normalize()),
+            shoulders: self.shoulders.map(wide),
+        }
+    }
 }

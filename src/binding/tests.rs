@@ -5,6 +5,7 @@ use super::landmarks::{Arms, Body, Joint, NotHuman};
 use super::segments::{Segment, Side, Skeleton};
 use super::*;
 use crate::capture::{Capture, MarkerTake, Motion};
+use crate::error::Kind;
 use crate::space::{Evidence, Known};
 use glam::DQuat;
 use std::f64::consts::TAU;
@@ -156,7 +157,7 @@ pub(super) fn take(person: &Person, labels: &[String], frames: &[Vec<DVec3>], ya
 pub(super) fn bound(person: &Person, capture: &Capture, options: &Options) -> Result<Binding> {
     let space = Space::default();
     let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space, mesh: None };
-    bind(&scan, Ok(person.body.clone()), capture, None, options)
+    bind(&scan, Ok(person.body.clone()), capture, None, options, &|_, _| Ok(()))
 }
 
 /// Largest distance between attachments and the landmarks that the markers were made from, in statures.
@@ -326,7 +327,7 @@ fn what_is_no_body_is_refused_with_the_way_out() {
     let space = Space::default();
     let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space, mesh: None };
     let nobody = NotHuman { reason: "five limbs".to_owned(), margin_and_cost: Some((0.04, 0.6)) };
-    let error = bind(&scan, Err(nobody), &capture, None, &Options::default()).unwrap_err();
+    let error = bind(&scan, Err(nobody), &capture, None, &Options::default(), &|_, _| Ok(())).unwrap_err();
     assert_eq!(error.exit_code(), 3);
     assert!(error.to_string().contains("--align none"));
     let few = labels_of(&["a", "b", "c", "LASI", "RASI"]);
@@ -517,4 +518,86 @@ fn steps_of_a_larger_actor_are_scaled_by_the_legs_and_stay_on_the_floor() {
             assert!(sunk.abs() < 0.005, "{} is {sunk} off the floor", handle.label);
         }
     }
+}
+
+/// A thing that no person is, and three or more of its markers with their places.
+fn placed_thing(person: &Person, given: &[&str], frames: &[Vec<DVec3>], labels: &[String]) -> Result<Binding> {
+    let places = &frames[0];
+    let pinned = |word: &&str| (word.to_string(), Marker::At(places[labels.iter().position(|l| l == word).unwrap()]));
+    let options = Options { markers: given.iter().map(pinned).collect(), ..Options::default() };
+    let capture = take(person, labels, frames, 2.1, 0.0);
+    let space = Space::default();
+    let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space, mesh: None };
+    bind(&scan, Err(NotHuman::default()), &capture, None, &options, &|_, _| Ok(()))
+}
+
+#[test]
+fn a_thing_is_placed_by_the_places_that_the_user_gives_for_some_of_its_markers() {
+    let person = person(0.75);
+    let labels = labels_of(&["nose", "withers", "hoof_1", "hoof_2", "tail"]);
+    let on = landmarks_of(&person, &labels_of(&["LFHD", "LASI", "LANK", "RWRA", "RTOE"]));
+    let rest: Vec<DVec3> = on.iter().map(|o| o.place).collect();
+    let shift = DVec3::new(0.1, 0.02, -0.05);
+    let frames = [rest.clone(), rest.iter().map(|&p| p + shift).collect()];
+    let binding = placed_thing(&person, &["nose", "hoof_1", "hoof_2"], &frames, &labels).unwrap();
+    assert_eq!((binding.decisions.align, binding.handles.len()), (Align::Similarity, 5));
+    let capture = take(&person, &labels, &frames, 2.1, 0.0);
+    for (frame, places) in frames.iter().enumerate() {
+        for (handle, place) in binding.handles.iter().zip(places) {
+            let target = binding.placement.apply(capture.motion.points().point(frame, handle.marker).unwrap());
+            assert!((target - place).length() < 1e-5, "{} in frame {frame}: {target} and not {place}", handle.label);
+        }
+    }
+    for (handle, place) in binding.handles.iter().zip(&rest) {
+        assert!((handle.attachment - place).length() < 1e-5, "{}", handle.label);
+    }
+}
+
+#[test]
+fn places_that_do_not_tell_how_a_thing_lies_are_refused() {
+    let person = person(0.75);
+    let labels = labels_of(&["a", "b", "c", "d"]);
+    let rest = vec![DVec3::ZERO, DVec3::X * 0.2, DVec3::X * 0.3, DVec3::Y * 0.2];
+    for given in [&["a", "b"][..], &["a", "b", "c"]] {
+        let error = placed_thing(&person, given, std::slice::from_ref(&rest), &labels).unwrap_err();
+        assert!(error.exit_code() == 3 && error.to_string().contains("3 or more"), "{given:?}: {error}");
+    }
+    // Four places, one of them on the other side.
+    let mut elsewhere = rest.clone();
+    elsewhere[3] = DVec3::Y * -0.5;
+    let error = placed_thing(&person, &["a", "b", "c", "d"], &[rest.clone(), elsewhere], &labels);
+    assert!(error.is_ok(), "the frame that fits is taken");
+    let capture = take(&person, &labels, &[rest.clone()], 0.0, 0.0);
+    let mut places: std::collections::BTreeMap<String, Marker> =
+        labels.iter().zip(&rest).map(|(l, &p)| (l.clone(), Marker::At(p))).collect();
+    places.insert("d".to_owned(), Marker::At(DVec3::Y * -0.5));
+    let space = Space::default();
+    let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space, mesh: None };
+    let options = Options { markers: places, ..Options::default() };
+    let error = bind(&scan, Err(NotHuman::default()), &capture, None, &options, &|_, _| Ok(())).unwrap_err();
+    assert!(error.to_string().contains("do not fit their places"), "{error}");
+}
+
+#[test]
+fn posing_a_take_tells_how_far_it_is_and_stops_when_asked() {
+    let person = person(0.75);
+    let labels = labels_of(&PLUG_IN_GAIT);
+    let place: Vec<DVec3> = landmarks_of(&person, &labels).iter().map(|o| o.place).collect();
+    let frames: Vec<Vec<DVec3>> = (0..40).map(|k| place.iter().map(|&p| p + DVec3::Z * 0.01 * f64::from(k)).collect()).collect();
+    let capture = take(&person, &labels, &frames, 0.4, 0.0);
+    let space = Space::default();
+    let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space, mesh: None };
+    let options = Options { align: Align::Retarget, reference: Reference::Frame(11), ..Options::default() };
+    let told = std::sync::Mutex::new(Vec::new());
+    let bound = |stop: usize| {
+        let watch = |done: usize, of: usize| {
+            told.lock().unwrap().push((done, of));
+            if done < stop { Ok(()) } else { Err(crate::error::Error::new(Kind::Interrupted, "enough")) }
+        };
+        bind(&scan, Ok(person.body.clone()), &capture, None, &options, &watch)
+    };
+    assert!(bound(usize::MAX).is_ok());
+    assert_eq!(std::mem::take(&mut *told.lock().unwrap()), (1..40).map(|k| (k, 40)).collect::<Vec<_>>());
+    assert_eq!(bound(35).unwrap_err().kind, Kind::Interrupted);
+    assert_eq!(told.lock().unwrap().len(), 35, "nothing is done after the stop");
 }

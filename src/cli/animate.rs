@@ -103,7 +103,7 @@ impl Setup {
         let triangles = scan.mesh.vertex_triangles();
         let (built, bound) = rayon::join(
             || body(args, cache.as_ref(), &scan, unit_box, &points, &triangles, cancel),
-            || bind(args, &scan, unit_box, &points, &triangles, &mut captures, &rig),
+            || bind(args, &scan, unit_box, &points, &triangles, &mut captures, &rig, (console, cancel)),
         );
         let (mut binding, floor) = match bound {
             Err(error) if matches!(error.kind, Kind::Refused | Kind::Ambiguous) && args.picture.is_some() => {
@@ -264,7 +264,7 @@ impl Setup {
             metres,
             overlap,
         };
-        let progress = console.progress(header.frames);
+        let progress = console.progress("", header.frames);
         let result = pipeline::run(job, &|step| match step {
             Progress::Frames(done) => progress.at(done),
             Progress::Finishing => progress.finishing(),
@@ -583,6 +583,7 @@ fn body(
     Ok(made)
 }
 
+#[allow(clippy::too_many_arguments)]
 fn bind(
     args: &Animate,
     scan: &Scan,
@@ -591,6 +592,7 @@ fn bind(
     triangles: &[[u32; 3]],
     captures: &mut Captures,
     rig: &Rig,
+    (console, cancel): (&Console, &Cancel),
 ) -> Result<(Binding, Option<Floor>)> {
     let mut notes = Notes::default();
     let options = rig.options(args, scan, unit_box, &mut notes)?;
@@ -610,8 +612,19 @@ fn bind(
     let shape = ScanShape { tree: &tree, unit_box, space: &scan.space, mesh: Some(&scan.mesh) };
     let mut binding = match captures.tables.first().filter(|_| is_table(&args.capture)) {
         Some(table) => driven::unbound(&shape, body.as_ref().ok(), table, &options),
-        None => binding::bind(&shape, body, &captures.capture, captures.reference.as_ref(), &options)
-            .map_err(|e| if e.file.is_none() { e.file(&scan.source) } else { e })?,
+        None => {
+            let progress = std::sync::OnceLock::new();
+            let watch = |done: usize, of: usize| {
+                progress.get_or_init(|| console.progress("posing the actor  ", of)).at(done);
+                cancel.check().map_err(|e| {
+                    let so_far = format!("{} of {} frames", words::count(done), words::count(of));
+                    Error::new(e.kind, format!("interrupted after the actor was posed in {so_far}; nothing was written"))
+                })
+            };
+            let bound = binding::bind(&shape, body, &captures.capture, captures.reference.as_ref(), &options, &watch);
+            progress.get().inspect(|progress| progress.finish());
+            bound.map_err(|e| if e.file.is_none() && e.kind != Kind::Interrupted { e.file(&scan.source) } else { e })?
+        }
     };
     notes.iter().for_each(|text| binding.notes.warn(text));
     let holds: Vec<Hold> = args.hold.iter().chain(&args.hold_exact).cloned().collect();

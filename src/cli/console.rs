@@ -71,12 +71,13 @@ impl Console {
         eprintln!("\x1b[1;31merror\x1b[0m: {error}");
     }
 
-    /// Starts telling of progress through `total` frames.
-    pub(super) fn progress(&self, total: usize) -> Progress {
+    /// Starts telling of progress through `total` frames; `what` is done with them.
+    pub(super) fn progress(&self, what: &'static str, total: usize) -> Progress {
         let drawn = self.level != Level::Quiet && std::io::stderr().is_terminal();
         let bar = drawn.then(|| {
             let bar = ProgressBar::new(total as u64);
-            let style = ProgressStyle::with_template("  [{bar:30}] {human_pos}/{human_len}  {per_sec}  ETA {eta}");
+            let style = ProgressStyle::with_template("  {prefix}[{bar:30}] {human_pos}/{human_len}  {per_sec}  ETA {eta}");
+            bar.set_prefix(what);
             bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> "));
             bar
         });
@@ -84,6 +85,7 @@ impl Console {
         Progress {
             bar,
             plain: self.level != Level::Quiet && !drawn,
+            what,
             total,
             start: now,
             last: Mutex::new(now),
@@ -97,6 +99,7 @@ impl Console {
 pub(super) struct Progress {
     bar: Option<ProgressBar>,
     plain: bool,
+    what: &'static str,
     total: usize,
     start: Instant,
     last: Mutex<Instant>,
@@ -113,7 +116,7 @@ impl Progress {
         let Ok(mut last) = self.last.lock() else { return };
         if self.plain && last.elapsed() >= PLAIN_INTERVAL {
             *last = Instant::now();
-            let mut line = format!("  {} of {} frames", words::count(done), words::count(self.total));
+            let mut line = format!("  {}{} of {} frames", self.what, words::count(done), words::count(self.total));
             let rate = done as f64 / self.start.elapsed().as_secs_f64();
             let _ = write!(line, "  {} frames/s", words::digits(rate));
             eprintln!("{line}");

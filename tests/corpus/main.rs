@@ -11,6 +11,7 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+mod limbs;
 mod pairs;
 
 use rayon::prelude::*;

@@ -31,63 +31,33 @@ use serde::{Deserialize, Serialize};
 use skeleton::Reach;
 use voxels::{Filled, RESOLUTION, Solid};
 
-/// The places of a body that the binding needs. Left and right are the body's own.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-#[allow(missing_docs)]
-pub enum Joint {
-    MidHip,
-    Neck,
-    Head,
-    Crown,
-    LeftShoulder,
-    LeftElbow,
-    LeftWrist,
-    LeftHandTip,
-    RightShoulder,
-    RightElbow,
-    RightWrist,
-    RightHandTip,
-    LeftHip,
-    LeftKnee,
-    LeftAnkle,
-    LeftToe,
-    RightHip,
-    RightKnee,
-    RightAnkle,
-    RightToe,
+/// The joints and their list.
+macro_rules! joints {
+    ($($joint:ident)*) => {
+        /// The places of a body that the binding needs. Left and right are the body's own.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+        #[serde(rename_all = "snake_case")]
+        #[allow(missing_docs)]
+        pub enum Joint {
+            $($joint),*
+        }
+
+        impl Joint {
+            /// All joints in order.
+            pub const ALL: [Joint; Self::COUNT] = [$(Joint::$joint),*];
+
+            /// Number of joints; `joint as usize` is its index.
+            pub const COUNT: usize = [$(Joint::$joint),*].len();
+        }
+    };
 }
 
-impl Joint {
-    /// Number of joints; `joint as usize` is its index.
-    pub const COUNT: usize = 20;
-
-    /// All joints in order.
-    pub const ALL: [Joint; Self::COUNT] = {
-        use Joint::*;
-        [
-            MidHip,
-            Neck,
-            Head,
-            Crown,
-            LeftShoulder,
-            LeftElbow,
-            LeftWrist,
-            LeftHandTip,
-            RightShoulder,
-            RightElbow,
-            RightWrist,
-            RightHandTip,
-            LeftHip,
-            LeftKnee,
-            LeftAnkle,
-            LeftToe,
-            RightHip,
-            RightKnee,
-            RightAnkle,
-            RightToe,
-        ]
-    };
+joints! {
+    MidHip Neck Head Crown
+    LeftShoulder LeftElbow LeftWrist LeftHandTip
+    RightShoulder RightElbow RightWrist RightHandTip
+    LeftHip LeftKnee LeftAnkle LeftToe
+    RightHip RightKnee RightAnkle RightToe
 }
 
 /// Where the arms are.

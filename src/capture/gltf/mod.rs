@@ -86,12 +86,12 @@ impl File {
                 *moved = true;
             }
         }
-        document.skins.is_empty()
-            && self.tree.shown.iter().any(|&n| {
-                let parent = self.tree.parents[n as usize];
-                moves[n as usize] |= parent.is_some_and(|p| moves[p as usize]);
-                moves[n as usize] && document.nodes[n as usize].mesh.is_some()
-            })
+        // Parents come before their children, and take them along.
+        for &n in &self.tree.shown {
+            moves[n as usize] |= self.tree.parents[n as usize].is_some_and(|p| moves[p as usize]);
+        }
+        let shows = |n: u32| moves[n as usize] && document.nodes[n as usize].mesh.is_some();
+        document.skins.is_empty() && self.tree.shown.iter().any(|&n| shows(n))
     }
 }
 

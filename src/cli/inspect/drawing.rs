@@ -40,7 +40,7 @@ pub(super) fn draw(args: &Inspect, path: &Path) -> Result<()> {
     let files = format!("{} \u{b7} {}", file_name(scan_file), file_name(capture_file));
     let tree = TriangleTree::new(&points, &triangles);
     let shape = ScanShape { tree: &tree, unit_box, space: &scan.space, mesh: Some(&scan.mesh) };
-    match binding::bind(&shape, body.clone(), &capture, None, &Options::default()) {
+    match binding::bind(&shape, body.clone(), &capture, None, &Options::default(), &|_, _| Ok(())) {
         Ok(binding) => {
             let heading = vec![files, binding.decisions.bind_line()];
             let (points, triangles) = (&points, &triangles);
