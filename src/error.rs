@@ -26,6 +26,8 @@ pub enum Kind {
     Unwritable,
     /// The result is worse than the user allowed; the outputs are written nevertheless.
     AboveLimit,
+    /// An output that cannot be as exact as was asked for.
+    Unreached,
     /// The user asked to stop.
     Interrupted,
 }
