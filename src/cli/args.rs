@@ -74,7 +74,7 @@ pub struct Animate {
     /// The motion: markers in C3D, TRC or CSV; a skeleton in BVH, AMC, glTF, GLB or FBX (all also .gz); meshes that nodes move in glTF or GLB, or one
     /// of a sequence of meshes with running numbers; or a table of handles (see --handles) in a .csv file
     pub capture: PathBuf,
-    /// What to write; the extension is the format: .glb, .abc, .usdc, .usda, .pc2, .mdd, .html (a page that plays), .png (a sheet of frames), .apng (an
+    /// What to write; the extension is the format: .glb, .abc, .usdc, .usda, .usdz, .pc2, .mdd, .html (a page that plays), .png (a sheet of frames), .apng (an
     /// animation), or .ply/.obj with a run of # for the frame number (repeatable)
     #[arg(short, long = "out", value_name = "FILE", required = true)]
     pub out: Vec<PathBuf>,

@@ -8,7 +8,7 @@ use crate::export::{
 };
 use std::path::{Path, PathBuf};
 
-const FORMATS: &str = "one of .glb, .abc, .usdc, .usda, .pc2, .mdd, .html (a page that plays), .png (a sheet of frames), .apng (an animation), or .ply or .obj with a run of # for the frame number, as in 'frames/f_####.ply'";
+const FORMATS: &str = "one of .glb, .abc, .usdc, .usda, .usdz, .pc2, .mdd, .html (a page that plays), .png (a sheet of frames), .apng (an animation), or .ply or .obj with a run of # for the frame number, as in 'frames/f_####.ply'";
 
 /// The sinks of all outputs.
 ///
@@ -95,7 +95,7 @@ fn sink(path: &Path, recording: &glb::Recording) -> Result<Box<dyn FrameSink>> {
         ("png", false) => Ok(Box::new(Stills::sheet(path))),
         ("apng", false) => Ok(Box::new(Stills::preview(path))),
         ("pc2", false) => Ok(Box::new(Pc2::new(path))),
-        ("usda" | "usdc", false) => Ok(Box::new(Usd::new(path))),
+        ("usda" | "usdc" | "usdz", false) => Ok(Box::new(Usd::new(path))),
         ("abc", false) => Ok(Box::new(Alembic::new(path))),
         ("mdd", false) => Ok(Box::new(Mdd::new(path))),
         ("ply", true) => Ok(Box::new(PlyFrames::new(path))),
@@ -108,7 +108,7 @@ fn sink(path: &Path, recording: &glb::Recording) -> Result<Box<dyn FrameSink>> {
                 .expected("a run of # for the frame number")
                 .hint(format!("-o '{}'", pattern.display())))
         }
-        ("glb" | "html" | "png" | "apng" | "pc2" | "mdd" | "usda" | "usdc" | "abc", true) => {
+        ("glb" | "html" | "png" | "apng" | "pc2" | "mdd" | "usda" | "usdc" | "usdz" | "abc", true) => {
             Err(Error::new(Kind::Usage, format!("a .{extension} file holds the whole take"))
                 .file(path)
                 .expected("a name without #"))

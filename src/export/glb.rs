@@ -21,7 +21,7 @@ mod names;
 mod recording;
 
 pub(super) use geometry::is_solid;
-pub(super) use looks::linear;
+pub(super) use looks::{linear, load as load_image};
 pub use recording::Recording;
 pub(super) use recording::file_space;
 
@@ -84,4 +84,10 @@ impl FrameSink for GlbSink {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod reader;
+#[cfg(test)]
 pub(super) mod tests;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tolerance_tests;

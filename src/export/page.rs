@@ -22,7 +22,18 @@ mod base64;
 /// The page, with names in double braces for what is put in.
 const PAGE: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/page.css");
-const SCRIPT: &str = include_str!("page/page.js");
+/// One script in rooms: what is above is known below.
+const SCRIPT: &[&str] = &[
+    include_str!("page/start.js"),
+    include_str!("page/vectors.js"),
+    include_str!("page/model.js"),
+    include_str!("page/handles.js"),
+    include_str!("page/shaders.js"),
+    include_str!("page/renderer.js"),
+    include_str!("page/camera.js"),
+    include_str!("page/plot.js"),
+    include_str!("page/main.js"),
+];
 
 /// Places in the page are steps of a box around all of them; this one stands for a place that is missing.
 const MISSING: u16 = u16::MAX;
@@ -119,7 +130,7 @@ impl FrameSink for PageSink {
         base64.finish().map_err(unwritable)?;
         // In a script element only its end tag has a meaning of its own; here no tag is left.
         let run = measured.describe(&header, &written).map_err(|e| e.file(&path))?.to_string().replace('<', "\\u003c");
-        for text in [between, &run, tail, SCRIPT, end] {
+        for text in [between, &run, tail].iter().chain(SCRIPT).chain(&[end]) {
             out.write_all(text.as_bytes()).map_err(unwritable)?;
         }
         out.flush().map_err(unwritable)?;

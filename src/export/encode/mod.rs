@@ -27,6 +27,7 @@ use crate::error::{Error, Kind, Result};
 use crate::export::Cancel;
 use crate::linalg::SparseRow;
 use crate::surface::SurfaceMap;
+use crate::words;
 use glam::DVec3;
 use std::collections::BTreeSet;
 
@@ -197,8 +198,8 @@ impl<M: PointMap> Job<'_, M> {
         let summary = &encoded.summary;
         let (worst, rms) = (summary.worst / self.space.scale, summary.rms / self.space.scale);
         if self.tolerance.used(worst, rms) > 1.0 {
-            return Err(Error::new(Kind::Unreached, format!("{:.3} % worst, {:.4} % rms", worst * 100.0, rms * 100.0))
-                .at(summary.frame.to_string()));
+            let [worst, rms] = [worst, rms].map(|e| words::digits(100.0 * e));
+            return Err(Error::new(Kind::Unreached, format!("{worst} % worst, {rms} % rms")).at(summary.frame.to_string()));
         }
         Ok(encoded)
     }

@@ -12,6 +12,7 @@ use crate::export::{FrameBatch, Header, Written};
 use crate::scan::{NONE, UnitBox};
 use crate::space::{Axis, Unit};
 use crate::surface::NormalVertices;
+use crate::words;
 use glam::DVec3;
 use std::io::Write;
 use std::path::Path;
@@ -146,7 +147,7 @@ impl Recording {
         Ok(Written {
             path: path.to_owned(),
             bytes: 0,
-            encoding: words(&encoded),
+            encoding: described(&encoded),
             max_error: encoded.summary.worst,
             rms_error: encoded.summary.rms,
             worst_frame: Some(header.first_frame + encoded.summary.frame as i64),
@@ -174,13 +175,13 @@ impl Recording {
             Encode::Morph => "--encode auto",
         };
         error
-            .expected(format!("{} % worst, {:.3} % rms", aim.worst * 100.0, aim.rms * 100.0))
+            .expected(format!("{} % worst, {} % rms", words::digits(aim.worst * 100.0), words::digits(aim.rms * 100.0)))
             .hint(format!("a larger --tolerance, {other}, or an exact format as -o FILE.usdc"))
     }
 }
 
 /// `skin, 64 joints`, `skin, 64 joints, 3 morphs`, `40 morphs`.
-fn words(encoded: &Encoded) -> String {
+fn described(encoded: &Encoded) -> String {
     let joints = encoded.skin.nodes() - 1;
     let skin = (joints > 0).then(|| format!("skin, {joints} joints"));
     let targets = encoded.morphs.targets.len();
