@@ -39,7 +39,7 @@ pub enum Command {
 /// Arguments of `retarget inspect`.
 #[derive(Debug, Args)]
 pub struct Inspect {
-    /// Scans (OBJ, PLY, STL, OFF, glTF, GLB, also .gz and .zip), captures (C3D, TRC, CSV, BVH, ASF/AMC, glTF, GLB, FBX), outputs (GLB, PC2)
+    /// Scans (OBJ, PLY, STL, OFF, glTF, GLB, also .gz and .zip), captures (C3D, TRC, CSV, BVH, ASF/AMC, glTF, GLB, FBX), outputs (GLB, PC2, MDD)
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Print JSON, one object per file, for programs

@@ -3,8 +3,8 @@
 use super::args::Animate;
 use crate::error::{Error, Kind, Result};
 use crate::export::{
-    FrameSink, alembic::Alembic, encode::Tolerance, files, glb, mdd::Mdd, obj::ObjFrames, page::PageSink, pc2::Pc2,
-    ply::PlyFrames, stills::Stills, usd::Usd,
+    FrameSink, alembic::Alembic, encode::Tolerance, files, glb, obj::ObjFrames, page::PageSink, ply::PlyFrames,
+    point_cache::PointCache, stills::Stills, usd::Usd,
 };
 use std::path::{Path, PathBuf};
 
@@ -94,10 +94,10 @@ fn sink(path: &Path, recording: &glb::Recording) -> Result<Box<dyn FrameSink>> {
         ("html", false) => Ok(Box::new(PageSink::of(path, recording))),
         ("png", false) => Ok(Box::new(Stills::sheet(path))),
         ("apng", false) => Ok(Box::new(Stills::preview(path))),
-        ("pc2", false) => Ok(Box::new(Pc2::new(path))),
+        ("pc2", false) => Ok(Box::new(PointCache::pc2(path))),
         ("usda" | "usdc" | "usdz", false) => Ok(Box::new(Usd::new(path))),
         ("abc", false) => Ok(Box::new(Alembic::new(path))),
-        ("mdd", false) => Ok(Box::new(Mdd::new(path))),
+        ("mdd", false) => Ok(Box::new(PointCache::mdd(path))),
         ("ply", true) => Ok(Box::new(PlyFrames::new(path))),
         ("obj", true) => Ok(Box::new(ObjFrames::new(path))),
         ("ply" | "obj", false) => {

@@ -49,7 +49,7 @@ pub fn encode<M: PointMap>(job: &Job<'_, M>, motion: &Motion<'_>) -> Result<Enco
         let used = |s: &measure::Summary| job.tolerance.used(s.worst / job.space.scale, s.rms / job.space.scale);
         if best.as_ref().is_none_or(|b| used(&summary) < used(&b.summary)) {
             let (skin, rest) = (skin.clone(), rest.clone());
-            best = Some(Encoded { skin, morphs, rest, summary, proxy_influences: Vec::new() });
+            best = Some(Encoded { skin, morphs, rest, summary, proxy_influences: Vec::new(), parts: None });
         }
         if used(&summary) <= 1.0 || modes.len() == MOST_TARGETS {
             break;

@@ -12,7 +12,7 @@
 //! 6. [`measure`]: these numbers decoded again and compared with the motion;
 //! 7. [`correct`]: where joints no longer help, morph targets for what is left in single frames.
 //!
-//! [`basis`] stores a motion without joints, as morph targets alone.
+//! [`basis`] stores a motion without joints, as morph targets alone; [`parts`] that of rigid parts, as a track of each.
 //!
 //! All lengths are fractions of the scan's diagonal (the unit box).
 
@@ -38,6 +38,7 @@ pub mod fit;
 pub mod measure;
 pub mod morphs;
 pub mod motion;
+pub mod parts;
 pub mod rigid;
 pub mod sample;
 pub mod scratch;
@@ -67,7 +68,7 @@ const RARE: usize = 100;
 /// By what a motion is stored.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Encode {
-    /// A skin, and corrective morph targets where joints no longer help.
+    /// A track of each rigid part, if there is nothing else; else a skin, and corrective morph targets where joints no longer help.
     #[default]
     Auto,
     /// A skin alone.
@@ -158,6 +159,8 @@ pub struct Job<'a, M> {
     pub vertices: &'a [u32],
     /// Points of the map at rest, unit box.
     pub rest: &'a [DVec3],
+    /// Pieces of the surface that do not touch each other, the largest first, as places in `vertices`.
+    pub pieces: &'a [Vec<u32>],
     /// Coordinates of the file.
     pub space: FileSpace,
     /// How near it has to come.
@@ -183,6 +186,8 @@ pub struct Encoded {
     pub summary: Summary,
     /// Joint weights of proxy vertices, for names: proxy vertex, weights.
     pub proxy_influences: Vec<(u32, Influences)>,
+    /// Where each joint moves a rigid part: the part of each vertex.
+    pub parts: Option<Vec<u16>>,
 }
 
 impl<M: PointMap> Job<'_, M> {
@@ -194,7 +199,14 @@ impl<M: PointMap> Job<'_, M> {
     /// [`Kind::Unreached`](crate::error::Kind::Unreached) with the error that is left and its frame, counted from 0.
     pub fn run(&self) -> Result<Encoded> {
         let motion = Motion::new(self.spool, self.proxy_rest, self.cancel)?;
-        let encoded = if self.encode == Encode::Morph { basis::encode(self, &motion)? } else { self.skinned(&motion)? };
+        let encoded = match self.encode {
+            Encode::Morph => basis::encode(self, &motion)?,
+            Encode::Skin => self.skinned(&motion)?,
+            Encode::Auto => match parts::encode(self, &motion)? {
+                Some(encoded) => encoded,
+                None => self.skinned(&motion)?,
+            },
+        };
         let summary = &encoded.summary;
         let (worst, rms) = (summary.worst / self.space.scale, summary.rms / self.space.scale);
         if self.tolerance.used(worst, rms) > 1.0 {
@@ -228,7 +240,7 @@ impl<M: PointMap> Job<'_, M> {
         let summary = measure::summary(&best.errors, best.frames.len());
         let vertices = best.fit.points.vertices().iter().copied();
         let proxy_influences = vertices.zip(best.fit.influences.iter().copied()).collect();
-        Ok(Encoded { skin: best.skin, morphs, rest: self.rest_as_written(), summary, proxy_influences })
+        Ok(Encoded { skin: best.skin, morphs, rest: self.rest_as_written(), summary, proxy_influences, parts: None })
     }
 
     /// What the proxy's points aim at: the scan's own vertices need the rest of the tolerance.

@@ -1,6 +1,7 @@
 //! The glTF document: scene, nodes, skin, mesh, animation.
 //!
-//! A motion without joints has no skin: the mesh hangs on the root's node, and morph targets do the rest.
+//! A motion without joints has no skin: the mesh hangs on the root's node, and morph targets do the rest. Nor has one of rigid parts: each is a
+//! mesh on a node of its own.
 
 use super::container::{Buffer, Pieces, Target, bounds, component, float_rows, numbers};
 use super::geometry::{Geometry, Primitive};
@@ -63,18 +64,13 @@ impl Content<'_> {
         let looks = Looks::of(self.scan, self.geometry, &mut buffer, notes);
         let primitives = self.primitives(&mut buffer);
         let animation = self.animation(&mut buffer);
-        let mut mesh = json!({ "name": self.name, "primitives": primitives });
-        let targets = &self.encoded.morphs.targets;
-        if !targets.is_empty() {
-            mesh["weights"] = json!(vec![0; targets.len()]);
-            mesh["extras"] = json!({ "targetNames": morphs::names(&self.encoded.morphs) });
-        }
+        let meshes = self.meshes(primitives);
         let mut document = json!({
             "asset": { "version": "2.0", "generator": concat!("retarget ", env!("CARGO_PKG_VERSION")) },
             "scene": 0,
             "scenes": [{ "nodes": if self.is_skinned() { vec![RIG, self.mesh_node()] } else { vec![RIG] } }],
             "nodes": self.nodes(),
-            "meshes": [mesh],
+            "meshes": meshes,
             "animations": [animation],
             "materials": looks.materials,
         });
@@ -97,7 +93,25 @@ impl Content<'_> {
     }
 
     fn is_skinned(&self) -> bool {
-        self.encoded.skin.nodes() > 1
+        self.encoded.skin.nodes() > 1 && self.encoded.parts.is_none()
+    }
+
+    /// One mesh, or one per rigid part.
+    fn meshes(&self, primitives: Vec<Value>) -> Vec<Value> {
+        if self.encoded.parts.is_none() {
+            let mut mesh = json!({ "name": self.name, "primitives": primitives });
+            let targets = &self.encoded.morphs.targets;
+            if !targets.is_empty() {
+                mesh["weights"] = json!(vec![0; targets.len()]);
+                mesh["extras"] = json!({ "targetNames": morphs::names(&self.encoded.morphs) });
+            }
+            return vec![mesh];
+        }
+        let of_part = |k: usize| -> Vec<&Value> {
+            let pairs = self.geometry.primitives.iter().zip(&primitives);
+            pairs.filter(|(p, _)| usize::from(p.part) + 1 == k).map(|(_, value)| value).collect()
+        };
+        (1..self.encoded.skin.nodes()).map(|k| json!({ "name": self.joint_names[k], "primitives": of_part(k) })).collect()
     }
 
     /// Index of the node of the mesh: after the joints.
@@ -114,11 +128,21 @@ impl Content<'_> {
         let mut nodes = vec![rig];
         for (k, translation) in skin.rest_translations.iter().enumerate() {
             let mut node = json!({ "name": self.joint_names[k], "translation": numbers(translation) });
+            if let (Some(_), Some(mesh)) = (&self.encoded.parts, k.checked_sub(1)) {
+                node["mesh"] = json!(mesh);
+            }
             if k == 0 {
-                let first = if self.is_skinned() { ROOT + 1..self.mesh_node() } else { self.mesh_node()..self.mesh_node() + 1 };
+                let first = if self.is_skinned() || self.encoded.parts.is_some() {
+                    ROOT + 1..self.mesh_node()
+                } else {
+                    self.mesh_node()..self.mesh_node() + 1
+                };
                 node["children"] = json!(first.collect::<Vec<_>>());
             }
             nodes.push(node);
+        }
+        if self.encoded.parts.is_some() {
+            return nodes;
         }
         let mut mesh = json!({ "name": self.name, "mesh": 0 });
         if self.is_skinned() {
@@ -132,11 +156,10 @@ impl Content<'_> {
     }
 
     fn primitives(&self, buffer: &mut Buffer) -> Vec<Value> {
-        let of = |g: &u32| self.places[*g as usize] as usize;
         let vertices = &self.geometry.vertices;
-        let position = |g: &u32| self.encoded.rest[of(g)];
+        let positions: Vec<[f32; 3]> = self.geometry.primitives.iter().flat_map(|p| self.positions(p)).collect();
         let mut streams = vec![
-            Stream::new("POSITION", component::F32, "VEC3", 12, float_rows(vertices.iter().map(position)), buffer),
+            Stream::new("POSITION", component::F32, "VEC3", 12, float_rows(positions.iter().copied()), buffer),
             self.normals(buffer),
         ];
         if self.is_skinned() {
@@ -160,7 +183,7 @@ impl Content<'_> {
             let mut attributes = json!({});
             for stream in streams.iter().chain(uvs.iter().filter(|_| p.textured)) {
                 let more = match stream.name {
-                    "POSITION" => bounds(vertices[p.vertices.clone()].iter().map(position)),
+                    "POSITION" => bounds(positions[p.vertices.clone()].iter().copied()),
                     _ if stream.normalized => json!({ "normalized": true }),
                     _ => json!({}),
                 };
@@ -177,6 +200,15 @@ impl Content<'_> {
             values.push(value);
         }
         values
+    }
+
+    /// Where the vertices of a primitive are at rest: in the file, or from the pivot of their rigid part.
+    fn positions(&self, primitive: &Primitive) -> impl Iterator<Item = [f32; 3]> {
+        let part = self.encoded.parts.as_ref().map(|_| usize::from(primitive.part) + 1);
+        let pivot = part.map_or([0.0; 3], |k| self.encoded.skin.pivots[k].map(f64::from));
+        let of = |&g: &u32| self.encoded.rest[self.places[g as usize] as usize];
+        let from = move |p: [f32; 3]| std::array::from_fn(|k| (f64::from(p[k]) - pivot[k]) as f32);
+        self.geometry.vertices[primitive.vertices.clone()].iter().map(of).map(from)
     }
 
     fn normals(&self, buffer: &mut Buffer) -> Stream {

@@ -76,7 +76,7 @@ impl Read {
 
     /// Positions in the file, primitive after primitive.
     pub(super) fn rest(&self) -> Vec<DVec3> {
-        let primitives = self.document.meshes().next().unwrap().primitives();
+        let primitives = self.document.meshes().flat_map(|m| m.primitives().collect::<Vec<_>>());
         primitives.flat_map(|p| p.reader(|_| Some(&self.blob)).read_positions().unwrap().map(wide).collect::<Vec<_>>()).collect()
     }
 
@@ -104,7 +104,9 @@ impl Read {
     /// The largest distance at a time from the scan that a proxy pose makes.
     pub(super) fn distance(&self, header: &Header, time: f64, pose: &[DVec3]) -> f64 {
         let normals = crate::surface::NormalVertices::of(&header.scan);
-        let used = super::geometry::Geometry::of(&header.scan, &normals).vertices;
+        let parts = self.parts_by_vertex(header);
+        let used =
+            super::geometry::Geometry::of_parts(&header.scan, &normals, |v| parts.get(v as usize).copied().unwrap_or(0)).vertices;
         let mut exact = vec![Vec::new()];
         header.map.apply(&[pose], &mut exact);
         let posed = self.at(&self.keys(), time);
@@ -113,16 +115,31 @@ impl Read {
         posed.iter().zip(&used).map(distance).fold(0.0, f64::max)
     }
 
+    /// The rigid part of each of the scan's vertices, found by where it is at rest; empty where the file has one mesh.
+    fn parts_by_vertex(&self, header: &Header) -> Vec<u16> {
+        if self.document.meshes().count() == 1 {
+            return Vec::new();
+        }
+        let mut part_at = std::collections::BTreeMap::new();
+        let key = |p: DVec3| (p * 1e3).round().to_array().map(|x| x as i64);
+        let mut rest = self.at_rest().into_iter();
+        for mesh in self.document.meshes() {
+            let count: usize = mesh.primitives().map(|p| p.get(&gltf::Semantic::Positions).unwrap().count()).sum();
+            part_at.extend(rest.by_ref().take(count).map(|p| (key(p), mesh.index() as u16)));
+        }
+        header.scan.mesh.positions.iter().map(|&p| part_at.get(&key(p)).copied().unwrap_or(0)).collect()
+    }
+
     fn posed(&self, places: &Places, weights: &[f32]) -> Vec<DVec3> {
         let mut world = vec![DMat4::IDENTITY; places.len()];
         let mut stack: Vec<(gltf::Node<'_>, DMat4)> =
             self.document.default_scene().unwrap().nodes().map(|n| (n, DMat4::IDENTITY)).collect();
-        let mut mesh_node = 0;
+        let mut node_of_mesh = vec![0; self.document.meshes().count()];
         while let Some((node, parent)) = stack.pop() {
             let (translation, rotation) = places[node.index()];
             world[node.index()] = parent * DMat4::from_rotation_translation(rotation, translation);
-            if node.mesh().is_some() {
-                mesh_node = node.index();
+            if let Some(mesh) = node.mesh() {
+                node_of_mesh[mesh.index()] = node.index();
             }
             stack.extend(node.children().map(|c| (c, world[node.index()])));
         }
@@ -134,7 +151,7 @@ impl Read {
             skin.joints().zip(bind).map(matrix).collect()
         });
         let mut posed = Vec::new();
-        for primitive in self.document.meshes().next().unwrap().primitives() {
+        for (mesh, primitive) in self.document.meshes().flat_map(|m| m.primitives().map(|p| (m.index(), p)).collect::<Vec<_>>()) {
             let reader = primitive.reader(|_| Some(&self.blob));
             let mut positions: Vec<DVec3> = reader.read_positions().unwrap().map(wide).collect();
             let targets: Vec<_> = reader.read_morph_targets().collect();
@@ -143,13 +160,13 @@ impl Read {
                 positions.iter_mut().zip(offsets.unwrap()).for_each(|(p, o)| *p += wide(o) * f64::from(w));
             }
             let Some(matrices) = &matrices else {
-                posed.extend(positions.iter().map(|p| world[mesh_node].transform_point3(*p)));
+                posed.extend(positions.iter().map(|p| world[node_of_mesh[mesh]].transform_point3(*p)));
                 continue;
             };
             let joints = reader.read_joints(0).unwrap().into_u16();
-            let weights = reader.read_weights(0).unwrap().into_f32();
+            let weights = reader.read_weights(0).unwrap().into_u16();
             for ((p, joints), weights) in positions.iter().zip(joints).zip(weights) {
-                let moved = |k: usize| matrices[joints[k] as usize].transform_point3(*p) * f64::from(weights[k]);
+                let moved = |k: usize| matrices[joints[k] as usize].transform_point3(*p) * (f64::from(weights[k]) / 65535.0);
                 posed.push((0..4).map(moved).sum());
             }
         }

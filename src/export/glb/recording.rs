@@ -98,6 +98,10 @@ impl Recording {
         let vertices = geometry.scan_vertices();
         let (space, offset) = file_space(&header.unit_box);
         let rest: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| header.unit_box.enter(p)).collect();
+        let mut places = vec![NONE; scan.mesh.positions.len()];
+        for (place, &v) in vertices.iter().enumerate() {
+            places[v as usize] = place as u32;
+        }
         let encoded = match state.encoded.clone() {
             Some(encoded) => encoded,
             None => {
@@ -107,6 +111,7 @@ impl Recording {
                     spool,
                     vertices: &vertices,
                     rest: &rest,
+                    pieces: &geometry.pieces(&vertices, &places),
                     space,
                     tolerance: self.options.tolerance,
                     encode: self.options.encode,
@@ -121,10 +126,14 @@ impl Recording {
         let mut normals = Vec::new();
         let points: Vec<[f32; 3]> = rest.iter().map(|p| p.as_vec3().to_array()).collect();
         normal_vertices.compute(scan, &points, &mut normals);
-        let mut places = vec![NONE; scan.mesh.positions.len()];
-        for (place, &v) in vertices.iter().enumerate() {
-            places[v as usize] = place as u32;
-        }
+        let geometry = match &encoded.parts {
+            Some(parts) => Geometry::of_parts(scan, &normal_vertices, |v| parts[places[v as usize] as usize]),
+            None => geometry,
+        };
+        let joint_names = match &encoded.parts {
+            Some(parts) => names::part_names(scan, encoded.skin.nodes() - 1, |v| parts[places[v as usize] as usize]),
+            None => names::joint_names(&encoded, &header.proxy.rest, &header.places),
+        };
         let stem = |p: &Path| p.file_stem().map(|s| s.to_string_lossy().into_owned()).filter(|s| !s.is_empty());
         let content = Content {
             scan,
@@ -132,7 +141,7 @@ impl Recording {
             normals: &normals,
             encoded: &encoded,
             places: &places,
-            joint_names: &names::joint_names(&encoded, &header.proxy.rest, &header.places),
+            joint_names: &joint_names,
             offset,
             rate: header.rate,
             name: &stem(&scan.source).unwrap_or_else(|| "scan".to_owned()),
@@ -180,9 +189,12 @@ impl Recording {
     }
 }
 
-/// `skin, 64 joints`, `skin, 64 joints, 3 morphs`, `40 morphs`.
+/// `skin, 64 joints`, `skin, 64 joints, 3 morphs`, `40 morphs`, `5 rigid parts`.
 fn described(encoded: &Encoded) -> String {
     let joints = encoded.skin.nodes() - 1;
+    if encoded.parts.is_some() {
+        return format!("{joints} rigid parts");
+    }
     let skin = (joints > 0).then(|| format!("skin, {joints} joints"));
     let targets = encoded.morphs.targets.len();
     let morphs = (targets > 0 || joints == 0).then(|| format!("{targets} morphs"));

@@ -7,7 +7,7 @@ const state = { time: 0, playing: false, speed: 1, mode: 0, wire: false, markers
 function survey(model, up) {
   const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
   let floor = Infinity, body = 0;
-  const step = Math.max(1, Math.round(model.json.meshes[0].primitives.reduce((n, p) => n + model.json.accessors[p.attributes.POSITION].count, 0) / 4000));
+  const step = Math.max(1, Math.round(model.primitives.reduce((n, p) => n + model.json.accessors[p.attributes.POSITION].count, 0) / 4000));
   const poses = Math.min(run.frames, 24);
   for (let i = 0; i < poses; i++) {
     const root = model.pose(Math.round((i * (run.frames - 1)) / Math.max(poses - 1, 1)));

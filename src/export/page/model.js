@@ -20,27 +20,29 @@ class Model {
     this.json = JSON.parse(new TextDecoder().decode(bytes.subarray(20, 20 + length)));
     this.bin = bytes.slice(28 + length);
     const { nodes, meshes, skins } = this.json;
-    const mesh = nodes.findIndex((n) => n.mesh === 0);
+    const first = nodes.findIndex((n) => n.mesh === 0);
     if (skins) {
       this.joints = skins[0].joints;
       const inverse = this.array(skins[0].inverseBindMatrices);
       // Columns of 4 × 4 to rows of 3 × 4.
       this.inverse = this.joints.map((_, j) => Array.from({ length: 12 }, (_, i) => inverse[16 * j + 4 * (i % 4) + (i >> 2)]));
     } else {
-      // The mesh hangs on a node as on a single joint.
-      this.joints = [nodes.findIndex((n) => (n.children || []).includes(mesh))];
-      this.inverse = [rigid([0, 0, 0, 1], nodes[mesh].translation)];
+      // A mesh hangs on its node as on a single joint. The first node holds all others.
+      this.joints = nodes.map((_, n) => n).slice(1);
+      this.inverse = this.joints.map(() => rigid([0, 0, 0, 1], [0, 0, 0]));
     }
+    /** All primitives, with the joint that they hang on where there is no skin. */
+    this.primitives = meshes.flatMap((mesh, k) => mesh.primitives.map((p) => ({ ...p, joint: skins ? 0 : this.joints.indexOf(nodes.findIndex((n) => n.mesh === k)) })));
     this.targets = (meshes[0].weights || []).length;
     this.amounts = new Float32Array(Math.max(this.targets, 1));
     this.parent = new Map();
-    this.joints.forEach((n) => (this.json.nodes[n].children || []).forEach((c) => this.parent.set(c, n)));
-    this.tracks = new Map([...this.joints, mesh].map((n) => [n, {}]));
+    this.joints.forEach((n) => (nodes[n].children || []).forEach((c) => this.parent.set(c, n)));
+    this.tracks = new Map([...this.joints, first].map((n) => [n, {}]));
     const animation = this.json.animations[0];
     for (const { sampler, target } of animation.channels) {
       this.tracks.get(target.node)[target.path] = this.array(animation.samplers[sampler].output);
     }
-    this.weights = this.tracks.get(mesh).weights;
+    this.weights = this.tracks.get(first).weights;
     this.rows = new Float32Array(12 * this.joints.length);
     this.morphs();
   }
@@ -73,7 +75,7 @@ class Model {
 
   /** Rows of four numbers per target for each vertex that some target moves; `slots`: per primitive, which of them is a vertex's, counted from 1. */
   morphs() {
-    const { primitives } = this.json.meshes[0];
+    const { primitives } = this;
     const each = (act) => primitives.forEach((p, k) => (p.targets || []).forEach((t, m) => this.moved(t.POSITION, (v, from, at) => act(k, m, v, from, at))));
     let count = 0;
     this.slots = primitives.map((p) => new Uint32Array(this.json.accessors[p.attributes.POSITION].count));
@@ -93,9 +95,12 @@ class Model {
     const world = new Map();
     this.joints.forEach((node, j) => {
       const { rotation: r, translation: t } = this.tracks.get(node);
-      const q = [0, 1, 2, 3].map((k) => r[4 * f + k] * (1 - s) + r[4 * g + k] * s);
+      let q = [0, 0, 0, 1], place = this.json.nodes[node].translation || [0, 0, 0];
+      if (r) {
+        q = [0, 1, 2, 3].map((k) => r[4 * f + k] * (1 - s) + r[4 * g + k] * s);
+        place = [0, 1, 2].map((k) => t[3 * f + k] * (1 - s) + t[3 * g + k] * s);
+      }
       const size = Math.hypot(...q);
-      const place = [0, 1, 2].map((k) => t[3 * f + k] * (1 - s) + t[3 * g + k] * s);
       const local = rigid(q.map((c) => c / size), place);
       const above = world.get(this.parent.get(node));
       const global = above ? multiply(above, local) : local;
@@ -111,7 +116,7 @@ class Model {
 
   /** Calls `each` with every `step`-th vertex of the pose that is in `rows`. */
   sample(step, each) {
-    this.json.meshes[0].primitives.forEach(({ attributes }, part) => {
+    this.primitives.forEach(({ attributes, joint }, part) => {
       const [p, joints, weights] = ["POSITION", "JOINTS_0", "WEIGHTS_0"].map((name) => name in attributes && this.array(attributes[name]));
       const one = weights instanceof Uint8Array ? 255 : 65535;
       for (let v = 0; v < p.length / 3; v += step) {
@@ -121,7 +126,7 @@ class Model {
           for (let c = 0; c < 3; c++) q[c] += this.amounts[m] * this.offsets[4 * ((slot - 1) * this.targets + m) + c];
         }
         for (let k = 0; k < (joints ? 4 : 1); k++) {
-          const w = joints ? weights[4 * v + k] / one : 1, m = joints ? 12 * joints[4 * v + k] : 0;
+          const w = joints ? weights[4 * v + k] / one : 1, m = 12 * (joints ? joints[4 * v + k] : joint);
           for (let r = 0; w > 0 && r < 3; r++) {
             const row = m + 4 * r;
             out[r] += w * (this.rows[row] * q[0] + this.rows[row + 1] * q[1] + this.rows[row + 2] * q[2] + this.rows[row + 3]);

@@ -15,7 +15,7 @@ class Renderer {
     this.white = this.plain();
     this.views = new Map();
     this.images = new Map();
-    this.parts = model.json.meshes[0].primitives.map((p, k) => this.part(p, model.slots[k]));
+    this.parts = model.primitives.map((p, k) => this.part(p, model.slots[k]));
     this.lines = { vao: gl.createVertexArray(), buffer: gl.createBuffer() };
     gl.bindVertexArray(this.lines.vao);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.lines.buffer);
@@ -82,7 +82,7 @@ class Renderer {
     gl.bindBuffer(target, this.views.get(index));
   }
 
-  part({ attributes, indices, material }, slots) {
+  part({ attributes, indices, material, joint }, slots) {
     const { gl, model } = this;
     const { accessors, materials = [] } = model.json;
     const vao = gl.createVertexArray();
@@ -110,7 +110,7 @@ class Renderer {
     const base = surface.baseColorTexture && model.json.textures[surface.baseColorTexture.index].source;
     const factor = surface.baseColorFactor || [1, 1, 1, 1];
     const bare = base === undefined && !attributes.COLOR_0 && factor.every((c) => c === 1);
-    return { vao, attributes, indices, count: index.count, type: index.componentType, base, clear: alphaMode === "BLEND", factor: bare ? [0.63, 0.59, 0.53, 1] : factor };
+    return { vao, attributes, indices, joint, count: index.count, type: index.componentType, base, clear: alphaMode === "BLEND", factor: bare ? [0.63, 0.59, 0.53, 1] : factor };
   }
 
   /** Decodes the images that are used; the scan is plain until they are there. */
@@ -219,8 +219,6 @@ class Renderer {
     gl.uniform3fv(at.ink, theme.ink);
     gl.uniform1i(at.lines, 0);
     gl.vertexAttrib4f(5, 1, 1, 1, 1);
-    // Where there is no skin, all hangs on the one joint.
-    gl.vertexAttribI4ui(2, 0, 0, 0, 0);
     gl.vertexAttrib4f(3, 1, 0, 0, 0);
     gl.vertexAttribI4ui(6, 0, 0, 0, 0);
     gl.vertexAttrib4f(7, 0, 0, 0, 0);
@@ -234,6 +232,7 @@ class Renderer {
       gl.uniform4fv(at.factor, part.factor);
       gl.uniform1i(at.clear, part.clear ? 1 : 0);
       gl.bindVertexArray(part.vao);
+      gl.vertexAttribI4ui(2, part.joint, 0, 0, 0); // where there is no skin
       this.buffer(this.model.json.accessors[part.indices].bufferView, gl.ELEMENT_ARRAY_BUFFER);
       gl.drawElements(gl.TRIANGLES, part.count, part.type, 0);
     }
@@ -242,6 +241,7 @@ class Renderer {
       gl.uniform1i(at.lines, 1);
       for (const part of this.parts) {
         gl.bindVertexArray(part.vao);
+        gl.vertexAttribI4ui(2, part.joint, 0, 0, 0);
         gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.edges(part));
         gl.drawElements(gl.LINES, 2 * part.count, gl.UNSIGNED_INT, 0);
       }
