@@ -3,6 +3,9 @@
 //! The map is linear, so a basis of proxy poses is a basis of scan poses, and is found among a few thousand points. It is learned from frames that
 //! differ most, and from those that it misses; as many components are taken as the tolerance needs. The root's motion is taken out first and
 //! stays a track of a node: morph targets cannot turn.
+//!
+//! Blender cuts weights off below 0 and above 1. So components begin at the least that there ever is of them, and one more target, whose weight is
+//! 1 all the time, holds all these beginnings.
 
 use super::measure::{self, Written};
 use super::morphs::{Morphs, Target};
@@ -190,7 +193,7 @@ fn largest(left: &[f64]) -> f64 {
     left.chunks_exact(3).map(|d| d.iter().map(|x| x * x).sum()).fold(0.0, f64::max).sqrt()
 }
 
-/// The components as targets of the scan's vertices, each so large that its weights stay within −1 to 1.
+/// The components as targets of the scan's vertices, with weights from 0 to 1, and what they begin with as the last target.
 fn carry<M: PointMap>(
     job: &Job<'_, M>,
     motion: &Motion<'_>,
@@ -198,16 +201,27 @@ fn carry<M: PointMap>(
     modes: &Modes,
     amounts: &Table<f32>,
 ) -> Result<Morphs> {
-    let mut most = vec![f32::MIN_POSITIVE; modes.len()];
-    for f in 0..amounts.frames() {
-        most.iter_mut().zip(amounts.frame(f)?).for_each(|(m, x)| *m = m.max(x.abs()));
+    if modes.is_empty() {
+        return Ok(Morphs::none(motion.frames()));
     }
-    let pose = |mode: Option<usize>| {
+    let (mut least, mut most) = (vec![f32::MAX; modes.len()], vec![f32::MIN; modes.len()]);
+    for f in 0..amounts.frames() {
+        for (k, x) in amounts.frame(f)?.into_iter().enumerate() {
+            (least[k], most[k]) = (least[k].min(x), most[k].max(x));
+        }
+    }
+    let range: Vec<f64> = least.iter().zip(&most).map(|(l, m)| f64::from(m - l).max(f64::from(f32::MIN_POSITIVE))).collect();
+    // The pose that a target makes of the proxy at rest.
+    let pose = |target: usize| {
         let mut pose = job.proxy_rest.to_vec();
-        if let Some(k) = mode {
-            for (&v, d) in points.vertices().iter().zip(modes[k].chunks_exact(3)) {
-                pose[v as usize] += DVec3::from_slice(d) * f64::from(most[k]);
+        let mut add = |mode: &[f64], amount: f64| {
+            for (&v, d) in points.vertices().iter().zip(mode.chunks_exact(3)) {
+                pose[v as usize] += DVec3::from_slice(d) * amount;
             }
+        };
+        match modes.get(target) {
+            Some(mode) => add(mode, range[target]),
+            None => modes.iter().zip(&least).for_each(|(mode, &l)| add(mode, l.into())),
         }
         pose
     };
@@ -216,11 +230,11 @@ fn carry<M: PointMap>(
         job.map.apply(&poses.iter().map(Vec::as_slice).collect::<Vec<_>>(), &mut out);
         out
     };
-    let rest = mapped(&[pose(None)]).remove(0);
-    let mut targets = Vec::with_capacity(modes.len());
-    for first in (0..modes.len()).step_by(BATCH) {
+    let rest = mapped(&[job.proxy_rest.to_vec()]).remove(0);
+    let mut targets = Vec::with_capacity(modes.len() + 1);
+    for first in (0..=modes.len()).step_by(BATCH) {
         job.cancel.check()?;
-        let poses: Vec<Vec<DVec3>> = (first..modes.len().min(first + BATCH)).map(|k| pose(Some(k))).collect();
+        let poses: Vec<Vec<DVec3>> = (first..(modes.len() + 1).min(first + BATCH)).map(pose).collect();
         for points in mapped(&poses) {
             let offset = |&v: &u32| {
                 let wide = |p: [f32; 3]| DVec3::from_array(p.map(f64::from));
@@ -229,10 +243,11 @@ fn carry<M: PointMap>(
             targets.push(Target::Dense(job.vertices.par_iter().map(offset).collect()));
         }
     }
-    let mut weights = Growing::new(motion.spool.folder(), modes.len())?;
+    let mut weights = Growing::new(motion.spool.folder(), targets.len())?;
     for f in 0..amounts.frames() {
-        let row: Vec<f32> = amounts.frame(f)?.iter().zip(&most).map(|(x, m)| x / m).collect();
-        weights.push(&row)?;
+        let row = amounts.frame(f)?;
+        let of_mode = |k: usize| (f64::from(row[k] - least[k]) / range[k]) as f32;
+        weights.push(&(0..modes.len()).map(of_mode).chain([1.0]).collect::<Vec<_>>())?;
     }
     Ok(Morphs::new(targets, weights.finish()?))
 }

@@ -92,8 +92,8 @@ fn target_of(misses: &[Miss], tolerance: f64) -> Target {
     Target::Sparse(vertices, offsets)
 }
 
-/// How much of a target a frame takes: all, if it is its own; else what leaves the smallest squares, if its worst vertex gains and no vertex that
-/// was near gets far.
+/// How much of a target a frame takes, from 0 to 1: all, if it is its own; else what leaves the smallest squares, if its worst vertex gains and no
+/// vertex that was near gets far.
 fn share(misses: &[Miss], target: &Target, own: bool, worst: f64, tolerance: f64) -> f32 {
     let Target::Sparse(vertices, offsets) = target else { return 0.0 };
     if own {
@@ -109,14 +109,15 @@ fn share(misses: &[Miss], target: &Target, own: bool, worst: f64, tolerance: f64
         square += moved.length_squared();
         places.push((place, moved));
     }
-    let weight = (along / square) as f32;
-    if !weight.is_finite() || weight.abs() < 0.1 {
+    // Blender cuts weights off outside of this range.
+    let weight = (along / square).min(1.0) as f32;
+    if !weight.is_finite() || weight < 0.1 {
         return 0.0;
     }
     let w = f64::from(weight);
     let left = |(place, moved): &(Option<usize>, DVec3)| match place {
         Some(m) => (misses[*m].error - *moved * w).length(),
-        None => FLOOR * tolerance + moved.length() * w.abs(),
+        None => FLOOR * tolerance + moved.length() * w,
     };
     let of_target = places.iter().map(left).fold(0.0, f64::max);
     let mut touched = places.iter().filter_map(|p| p.0).peekable();

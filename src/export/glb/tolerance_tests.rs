@@ -75,6 +75,7 @@ fn a_crumple_in_one_frame_is_corrected_by_a_morph_target_of_a_few_vertices() {
         let weights = |f: usize| &read.weights[f * count..][..count];
         let moved: Vec<usize> = (0..header.frames).filter(|&f| weights(f).iter().any(|w| *w != 0.0)).collect();
         assert_eq!(moved, [90]);
+        assert!(read.weights.iter().all(|w| (0.0..=1.0).contains(w)), "as Blender's sliders");
         let touched: usize = read.document.accessors().filter_map(|a| a.sparse().map(|s| s.count())).sum();
         assert!(touched > 0 && touched < count * read.rest().len() / 4, "{touched} of {}", read.rest().len());
     }
@@ -95,7 +96,7 @@ fn morph_targets_alone_carry_the_motion() {
         assert_eq!(written.worst_frame, Some(50 + at as i64));
         let read = Read::open(&path);
         assert_eq!(read.document.skins().count(), 0);
-        assert!(read.weights.iter().all(|w| w.abs() <= 1.0));
+        assert!(read.weights.iter().all(|w| (0.0..=1.0).contains(w)), "as Blender's sliders");
         let count = read.weights.len() / header.frames;
         assert_eq!(written.encoding, format!("{count} morphs"));
         let rest = read.rest();
