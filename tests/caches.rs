@@ -277,7 +277,7 @@ fn odd(folder: &Path) -> Scan {
         "newmtl skin tone\nKd 0.5 0.25 0\nmap_Kd a b.png\nnewmtl skin-tone\nKd 0 0 1\nd 0.5\n",
     )
     .unwrap();
-    std::fs::write(folder.join("a b.png"), "").unwrap();
+    std::fs::write(folder.join("a b.png"), b"\x89PNG\r\n\x1a\n").unwrap();
     let mut scan = retarget::scan::read(&folder.join("odd.obj")).unwrap();
     scan.look.colors = (0..11).map(|k| [k as f32 / 20.0, 0.5, 1.0, 1.0 - k as f32 / 40.0]).collect();
     scan.look.colors_have_alpha = true;

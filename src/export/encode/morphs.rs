@@ -73,21 +73,18 @@ impl Morphs {
         }
         let wide = |p: &[f32; 3]| DVec3::from_array(p.map(f64::from));
         let mut moved: Vec<DVec3> = rest.iter().map(wide).collect();
-        let (mut dense, mut sparse): (Vec<(&[[f32; 3]], f64)>, Vec<_>) = (Vec::new(), Vec::new());
-        for (target, &w) in self.targets.iter().zip(&weights).filter(|(_, w)| **w != 0.0) {
-            match target {
-                Target::Dense(offsets) => dense.push((offsets, w.into())),
-                Target::Sparse(vertices, offsets) => sparse.push((vertices, offsets, f64::from(w))),
-            }
-        }
+        let active = || self.targets.iter().zip(&weights).filter(|(_, w)| **w != 0.0).map(|(t, &w)| (t, f64::from(w)));
         moved.par_chunks_mut(PIECE).enumerate().for_each(|(piece, moved)| {
-            for (offsets, w) in &dense {
-                let offsets = &offsets[piece * PIECE..];
-                moved.iter_mut().zip(offsets).for_each(|(p, o)| *p += wide(o) * *w);
+            for (target, w) in active() {
+                if let Target::Dense(offsets) = target {
+                    moved.iter_mut().zip(&offsets[piece * PIECE..]).for_each(|(p, o)| *p += wide(o) * w);
+                }
             }
         });
-        for (vertices, offsets, w) in sparse {
-            vertices.iter().zip(offsets).for_each(|(&v, o)| moved[v as usize] += wide(o) * w);
+        for (target, w) in active() {
+            if let Target::Sparse(vertices, offsets) = target {
+                vertices.iter().zip(offsets).for_each(|(&v, o)| moved[v as usize] += wide(o) * w);
+            }
         }
         Ok(Some(moved))
     }
