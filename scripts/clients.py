@@ -2,7 +2,7 @@
 
     clients.py FOLDER [FRAMES]
 
-FOLDER holds a.glb, a.pc2, a.mdd, a.usdc, a.usda, a.abc and f_####.obj of one run (see clients.sh); bpy and usd-core are installed. Prints a row per format
+FOLDER holds a.glb, m.glb (morph targets), c.glb (a skin with corrective ones), a.pc2, a.mdd, a.usdc, a.usda, a.usdz, a.abc and f_####.obj of one take (see clients.sh); bpy and usd-core are installed. Prints a row per format
 and client: whether the file opens, the frames compared (first, last and between), the worst difference to the PC2 in the scan's unit, seconds to
 open and evaluate. Exits with 1 when a file does not open or a cache is not equal to the PC2.
 """
@@ -106,7 +106,7 @@ def usd_core(run, name):
 
 
 def glb(run, name):
-    """A skin, with vertices split at seams: each is paired with the vertex of the scan that is nearest at the first frame."""
+    """A skin or morph targets, with vertices split at seams: each is paired with the vertex of the scan that is nearest at the first frame."""
     empty_scene(run)
     bpy.ops.import_scene.gltf(filepath=run.path(name))
     start = evaluated_in_world(0)
@@ -129,7 +129,8 @@ def evaluated_in_world(frame):
     graph = bpy.context.evaluated_depsgraph_get()
     out = []
     for item in bpy.context.scene.objects:
-        if item.type == "MESH" and item.find_armature():
+        # Bones have a shape of a few vertices.
+        if item.type == "MESH" and len(item.data.vertices) > 100:
             posed = item.evaluated_get(graph)
             mesh = posed.to_mesh()
             points = np.empty(3 * len(mesh.vertices), np.float32)
@@ -151,7 +152,11 @@ CLIENTS = [
     (".usdc", USD, "a.usdc", usd_core, True),
     (".usda", BLENDER, "a.usda", usd_in_blender, True),
     (".usda", USD, "a.usda", usd_core, True),
-    (".glb", BLENDER, "a.glb", glb, False),
+    (".usdz", BLENDER, "a.usdz", usd_in_blender, True),
+    (".usdz", USD, "a.usdz", usd_core, True),
+    (".glb skin", BLENDER, "a.glb", glb, False),
+    (".glb both", BLENDER, "c.glb", glb, False),
+    (".glb morph", BLENDER, "m.glb", glb, False),
 ]
 
 
@@ -179,9 +184,9 @@ def main(folder, count):
         except Exception as reason:
             opens, shown, failed = "no", str(reason), True
         rows.append((ending, client, opens, len(frames), shown, f"{time.time() - start:.2f}"))
-    print("{:7} {:15} {:5} {:>6} {:>17} {:>8}".format("format", "client", "opens", "frames", "worst difference", "seconds"))
+    print("{:10} {:15} {:5} {:>6} {:>17} {:>8}".format("format", "client", "opens", "frames", "worst difference", "seconds"))
     for row in rows:
-        print("{:7} {:15} {:5} {:>6} {:>17} {:>8}".format(*row))
+        print("{:10} {:15} {:5} {:>6} {:>17} {:>8}".format(*row))
     return failed
 
 

@@ -3,7 +3,8 @@
 #
 #   scripts/clients.sh [FOLDER]      keep outputs and clients in FOLDER (1.5 GB), else in a folder under TMPDIR that goes away
 #
-# Needs a python3 that Blender's module has a wheel for (3.11; PYTHON names another), its venv, and the network for the first run.
+# Needs a python3 that Blender's module has a wheel for (3.11; PYTHON names another), its venv, and the network for the first run; where node and npm
+# are there, the Khronos validator and three.js (in Chromium, or what CHROMIUM names) look at the GLBs.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 root=$PWD
@@ -25,6 +26,25 @@ fi
 
 cargo build --release --quiet --bin retarget
 program=${CARGO_TARGET_DIR:-$root/target}/release/retarget
-(cd "$folder" && "$program" "$root/fixtures/scan.obj" "$root/fixtures/walk.c3d" --frames 5..124 --force \
-  -o a.glb -o a.pc2 -o a.mdd -o a.usdc -o a.usda -o a.abc -o 'f_####.obj')
-"$folder/venv/bin/python" scripts/clients.py "$folder" "${FRAMES:-7}"
+pair=("$root/fixtures/scan.obj" "$root/fixtures/walk.c3d" --frames 5..124 --force --quiet)
+(cd "$folder" && "$program" "${pair[@]}" --source-index -o a.glb -o a.pc2 -o a.mdd -o a.usdc -o a.usda -o a.usdz -o a.abc -o 'f_####.obj')
+(cd "$folder" && "$program" "${pair[@]}" --source-index --encode morph -o m.glb)
+# So near that joints alone do not do.
+(cd "$folder" && "$program" "${pair[@]}" --source-index --tolerance "${TIGHT:-0.02}" -o c.glb)
+failed=0
+"$folder/venv/bin/python" scripts/clients.py "$folder" "${FRAMES:-7}" || failed=1
+
+if command -v npm >/dev/null; then
+  npm install --silent --no-fund --no-audit --prefix "$folder/node" gltf-validator three puppeteer-core >/dev/null
+  export NODE_PATH=$folder/node/node_modules
+  for glb in a m c; do node scripts/validate_gltf.js "$folder/$glb.glb" || failed=1; done
+  chromium=${CHROMIUM:-$(command -v chromium || command -v google-chrome || true)}
+  if [ -n "$chromium" ]; then
+    node scripts/viewer.js "$chromium" "$folder" "${FRAMES:-7}" a.glb c.glb m.glb || failed=1
+  else
+    echo "three.js: skipped, there is no Chromium"
+  fi
+else
+  echo "validator and three.js: skipped, npm is not here"
+fi
+exit $failed

@@ -29,6 +29,8 @@ pub enum Kind {
     AboveLimit,
     /// Some of many takes failed.
     Failed,
+    /// An output that cannot be as exact as was asked for.
+    Unreached,
     /// The user asked to stop.
     Interrupted,
 }

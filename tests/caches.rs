@@ -8,14 +8,14 @@ use common::cache_readers::{Abc, AbcObject, Usda, Usdc, read_mdd, triples};
 use common::{fixture, read_pc2, retarget, retarget_ok};
 use glam::{DQuat, DVec3, Vec3};
 use retarget::error::Kind;
-use retarget::export::{Cancel, FrameBatch, FrameSink, Header, Written, alembic::Alembic, mdd::Mdd, pc2::Pc2, usd::Usd};
+use retarget::export::{Cancel, FrameBatch, FrameSink, Header, Written, alembic::Alembic, point_cache::PointCache, usd::Usd};
 use retarget::proxy::{Proxy, rows::MapKind};
 use retarget::scan::{Image, NONE, Scan, UnitBox};
 use retarget::surface::{NormalVertices, SurfaceMap};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, LazyLock};
 
-const NAMES: [&str; 5] = ["a.pc2", "a.mdd", "a.usda", "a.abc", "a.usdc"];
+const NAMES: [&str; 6] = ["a.pc2", "a.mdd", "a.usda", "a.abc", "a.usdc", "a.usdz"];
 
 /// First frame and number of frames of the run on the fixture.
 const FIRST: i64 = 5;
@@ -248,7 +248,7 @@ fn caches_are_the_same_bytes_for_any_number_of_threads() {
 #[test]
 fn caches_hold_a_whole_take_in_one_file_and_replace_nothing_unasked() {
     let folder = tempfile::tempdir().unwrap();
-    for ending in ["mdd", "usda", "usdc", "abc"] {
+    for ending in ["mdd", "usda", "usdc", "usdz", "abc"] {
         let name = format!("a.{ending}");
         let run = |name: &str| {
             retarget(folder.path(), [fixture("scan.obj").to_str().unwrap(), fixture("walk.c3d").to_str().unwrap(), "-o", name])
@@ -277,7 +277,7 @@ fn odd(folder: &Path) -> Scan {
         "newmtl skin tone\nKd 0.5 0.25 0\nmap_Kd a b.png\nnewmtl skin-tone\nKd 0 0 1\nd 0.5\n",
     )
     .unwrap();
-    std::fs::write(folder.join("a b.png"), "").unwrap();
+    std::fs::write(folder.join("a b.png"), b"\x89PNG\r\n\x1a\n").unwrap();
     let mut scan = retarget::scan::read(&folder.join("odd.obj")).unwrap();
     scan.look.colors = (0..11).map(|k| [k as f32 / 20.0, 0.5, 1.0, 1.0 - k as f32 / 40.0]).collect();
     scan.look.colors_have_alpha = true;
@@ -332,11 +332,12 @@ fn motion(header: &Header) -> (Frames, Frames) {
 fn sinks(folder: &Path) -> Vec<(PathBuf, Box<dyn FrameSink>)> {
     let path = |name: &str| folder.join(name);
     vec![
-        (path("a.pc2"), Box::new(Pc2::new(&path("a.pc2")))),
-        (path("a.mdd"), Box::new(Mdd::new(&path("a.mdd")))),
+        (path("a.pc2"), Box::new(PointCache::pc2(&path("a.pc2")))),
+        (path("a.mdd"), Box::new(PointCache::mdd(&path("a.mdd")))),
         (path("a.usda"), Box::new(Usd::new(&path("a.usda")))),
         (path("a.abc"), Box::new(Alembic::new(&path("a.abc")))),
         (path("a.usdc"), Box::new(Usd::new(&path("a.usdc")))),
+        (path("a.usdz"), Box::new(Usd::new(&path("a.usdz")))),
     ]
 }
 
@@ -477,7 +478,7 @@ fn what_is_interrupted_leaves_nothing_and_replaces_nothing() {
     let mut left: Vec<String> =
         std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
     left.sort();
-    assert_eq!(left, ["a.abc", "a.mdd", "a.pc2", "a.usda", "a.usdc"]);
+    assert_eq!(left, ["a.abc", "a.mdd", "a.pc2", "a.usda", "a.usdc", "a.usdz"]);
     assert!(left.iter().all(|name| std::fs::read(folder.path().join(name)).unwrap() == b"before"));
 }
 
@@ -491,4 +492,61 @@ fn a_texture_inside_the_scan_is_left_out_of_usd_with_a_word() {
     assert!(written[2].notes.iter().any(|n| n.contains("'inner'")), "{:?}", written[2].notes);
     let text = std::fs::read_to_string(folder.path().join("a.usda")).unwrap();
     assert_eq!(Usda(&text).prim("Material", "skin_tone").value("color3f inputs:diffuseColor"), "(0.5, 0.25, 0)");
+}
+
+/// The files of a stored zip archive: name, place of the first byte, bytes. By the central directory; checksums and local headers have to agree.
+fn stored(zip: &[u8]) -> Vec<(String, usize, Vec<u8>)> {
+    let short = |at: usize| usize::from(u16::from_le_bytes(zip[at..at + 2].try_into().unwrap()));
+    let long = |at: usize| u32::from_le_bytes(zip[at..at + 4].try_into().unwrap()) as usize;
+    let tail = zip.len() - 22;
+    assert_eq!(&zip[tail..tail + 4], b"PK\x05\x06");
+    let (count, mut at) = (short(tail + 10), long(tail + 16));
+    assert_eq!(at + long(tail + 12), tail);
+    let mut files = Vec::new();
+    for _ in 0..count {
+        assert_eq!(&zip[at..at + 4], b"PK\x01\x02");
+        let (crc, length, name, local) = (long(at + 16), long(at + 24), short(at + 28), long(at + 42));
+        assert_eq!((short(at + 10), long(at + 20)), (0, length), "stored");
+        assert_eq!(&zip[local..local + 4], b"PK\x03\x04");
+        assert_eq!((long(local + 14), long(local + 18), long(local + 22)), (crc, length, length));
+        let start = local + 30 + short(local + 26) + short(local + 28);
+        let bytes = zip[start..start + length].to_vec();
+        let mut sum = flate2::Crc::new();
+        sum.update(&bytes);
+        assert_eq!(sum.sum() as usize, crc);
+        files.push((String::from_utf8(zip[at + 46..at + 46 + name].to_vec()).unwrap(), start, bytes));
+        at += 46 + name;
+    }
+    files
+}
+
+#[test]
+fn a_usd_package_holds_the_crate_first_and_every_file_at_64_bytes() {
+    let files = stored(&bytes("a.usdz"));
+    assert_eq!(files[0].0, "a.usdc");
+    assert!(files.iter().all(|(_, start, _)| start % 64 == 0));
+    let (packed, beside) = (Usdc::read(files[0].2.clone()), Usdc::read(bytes("a.usdc")));
+    for (f, points) in truth().iter().enumerate() {
+        assert!(same_bits(&packed.samples("/scan/mesh.points")[f].1, points), "frame {f}");
+    }
+    assert_eq!(packed.samples("/scan/mesh.points").len(), beside.samples("/scan/mesh.points").len());
+}
+
+#[test]
+fn a_usd_package_takes_textures_along() {
+    const PNG: &[u8] = b"\x89PNG\r\n\x1a\nrest";
+    let folder = tempfile::tempdir().unwrap();
+    let mut scan = odd(folder.path());
+    let inner = Image::Embedded { name: "inner".into(), bytes: PNG.into() };
+    scan.look.materials[0].base_color_texture = Some(inner.clone());
+    scan.look.materials[0].normal_texture = Some(inner);
+    let other = Image::Embedded { name: "odd".into(), bytes: Arc::new([1, 2]) };
+    scan.look.materials[1].base_color_texture = Some(other);
+    let written = write(folder.path(), &header(scan, 1, &Cancel::default()));
+    let notes: Vec<&str> = written[5].notes.iter().filter(|n| n.contains("texture")).collect();
+    assert_eq!(notes, ["odd: texture left out: neither PNG nor JPEG"]);
+    let files = stored(&std::fs::read(folder.path().join("a.usdz")).unwrap());
+    assert_eq!(files.iter().map(|f| f.0.as_str()).collect::<Vec<_>>(), ["a.usdc", "textures/1.png"]);
+    assert_eq!((files[1].1 % 64, files[1].2.as_slice()), (0, PNG));
+    assert!(files[0].2.windows(16).any(|w| w == b"./textures/1.png"));
 }

@@ -401,3 +401,51 @@ fn a_saved_rig_file_fed_back_gives_the_same_bytes() {
     assert!(text.contains("wrong.toml") && text.contains("line 3") && text.contains("yaw?"), "{text}");
     assert!(!work.path().join("d.pc2").exists());
 }
+
+/// What `inspect` says of a cache, and of outputs that are not read.
+#[test]
+fn inspect_knows_caches_and_says_what_it_does_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let words = [[0u8, 0, 0, 2], [0, 0, 0, 3]].concat();
+    std::fs::write(path("a.mdd"), [&words[..], &[0; 2 * 4 + 2 * 3 * 12]].concat()).unwrap();
+    let output = retarget(folder.path(), ["inspect", "--json", "a.mdd"]);
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&found["kind"], &found["points"], &found["samples"]), (&"cache".into(), &3.into(), &2.into()));
+    std::fs::write(path("a.mdd"), &words).unwrap();
+    let output = retarget(folder.path(), ["inspect", "a.mdd"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("expected 88 bytes"));
+    for name in ["a.usdc", "a.usda", "a.usdz", "a.abc", "a.html", "a.png", "a.apng"] {
+        std::fs::write(path(name), "something").unwrap();
+        let output = retarget(folder.path(), ["inspect", name]);
+        assert_eq!(output.status.code(), Some(1), "{name}");
+        assert!(String::from_utf8_lossy(&output.stderr).contains("writes, but does not read"), "{name}");
+    }
+}
+
+#[test]
+fn the_options_of_a_glb_are_checked() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scan, take) = (fixture("scan.obj"), fixture("walk.c3d"));
+    let run = |options: &[&str]| {
+        let inputs = [scan.to_str().unwrap(), take.to_str().unwrap(), "--frames", "20..23", "--force", "-o", "a.glb"];
+        let output = retarget(folder.path(), inputs.iter().chain(options));
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    for wrong in ["0", "-1", "nan", "inf", "101", "much"] {
+        let (code, said) = run(&[&format!("--tolerance={wrong}")]);
+        assert_eq!(code, Some(2), "{wrong}");
+        assert!(said.contains("expected a percentage above 0, at most 100"), "{said}");
+    }
+    let (code, said) = run(&["--encode", "bones"]);
+    assert_eq!(code, Some(2));
+    assert!(said.contains("auto") && said.contains("skin") && said.contains("morph"), "{said}");
+    let (code, said) = run(&["--tolerance", "1e-12", "--encode", "morph", "-o", "a.pc2"]);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("a.glb: morph targets come within") && said.contains("worst in frame 2"), "{said}");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is left");
+    let (code, said) = run(&["--encode", "morph", "--source-index", "--tolerance", "1", "-o", "a.html"]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains(" morphs, rms"), "{said}");
+}

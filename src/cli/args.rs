@@ -3,6 +3,7 @@
 use crate::binding;
 use crate::binding::select::{Hold, Selector, Stiffness};
 use crate::deform::volumetric::Options;
+use crate::export::encode::Encode;
 use crate::proxy::rows::MapKind;
 use crate::space::{Axis, Unit};
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -85,7 +86,7 @@ pub struct Take {
 /// Arguments of `retarget inspect`.
 #[derive(Debug, Args)]
 pub struct Inspect {
-    /// Scans (OBJ, PLY, STL, OFF, glTF, GLB, also .gz and .zip), captures (C3D, TRC, CSV, BVH, ASF/AMC, glTF, GLB, FBX), outputs (GLB, PC2)
+    /// Scans (OBJ, PLY, STL, OFF, glTF, GLB, also .gz and .zip), captures (C3D, TRC, CSV, BVH, ASF/AMC, glTF, GLB, FBX), outputs (GLB, PC2, MDD)
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Print JSON, one object per file, for programs
@@ -120,10 +121,20 @@ pub struct Animate {
     /// The motion: markers in C3D, TRC or CSV; a skeleton in BVH, AMC, glTF, GLB or FBX (all also .gz); meshes that nodes move in glTF or GLB, or one
     /// of a sequence of meshes with running numbers; or a table of handles (see --handles) in a .csv file
     pub capture: PathBuf,
-    /// What to write; the extension is the format: .glb, .abc, .usdc, .usda, .pc2, .mdd, .html (a page that plays), .png (a sheet of frames), .apng (an
+    /// What to write; the extension is the format: .glb, .abc, .usdc, .usda, .usdz, .pc2, .mdd, .html (a page that plays), .png (a sheet of frames), .apng (an
     /// animation), or .ply/.obj with a run of # for the frame number (repeatable)
     #[arg(short, long = "out", value_name = "FILE", required = true)]
     pub out: Vec<PathBuf>,
+    /// How far a .glb or .html may be from the motion at the worst vertex of the worst frame, in percent of the scan's diagonal (default 0.25), and a fifth
+    /// of it root mean square: as many joints are taken as that needs; where it cannot be met, that is an error
+    #[arg(long, hide_short_help = true, value_name = "PCT", value_parser = parse_percent)]
+    pub tolerance: Option<f64>,
+    /// By what a .glb or .html holds the motion
+    #[arg(long, hide_short_help = true, value_enum, default_value_t = EncodeArg::Auto)]
+    pub encode: EncodeArg,
+    /// Give the vertices of a .glb the number of the scan's vertex (from 0) that they are copies of, as the attribute _SOURCE_INDEX
+    #[arg(long, hide_short_help = true)]
+    pub source_index: bool,
     /// Replace outputs that exist
     #[arg(long)]
     pub force: bool,
@@ -297,6 +308,27 @@ pub enum Align {
     Retarget,
 }
 
+/// `--encode`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum EncodeArg {
+    /// A skin, with corrective morph targets where joints no longer help
+    Auto,
+    /// A skin alone
+    Skin,
+    /// Morph targets alone, under a node that carries the motion of the whole
+    Morph,
+}
+
+impl From<EncodeArg> for Encode {
+    fn from(encode: EncodeArg) -> Self {
+        match encode {
+            EncodeArg::Auto => Self::Auto,
+            EncodeArg::Skin => Self::Skin,
+            EncodeArg::Morph => Self::Morph,
+        }
+    }
+}
+
 /// `--plant`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Plant {
@@ -386,6 +418,10 @@ fn parse_frames(text: &str) -> Result<(i64, i64), String> {
 
 fn parse_finite(text: &str) -> Result<f64, String> {
     text.parse::<f64>().ok().filter(|x| x.is_finite()).ok_or_else(|| "expected a number".into())
+}
+
+fn parse_percent(text: &str) -> Result<f64, String> {
+    parse_positive(text).ok().filter(|p| *p <= 100.0).ok_or_else(|| "expected a percentage above 0, at most 100".into())
 }
 
 fn parse_rate(text: &str) -> Result<f64, String> {

@@ -64,6 +64,9 @@ enum Sort {
     Mesh,
     Proxy,
     Take,
+    Mdd,
+    /// What is written and not read.
+    Written,
 }
 
 fn sort(path: &Path) -> Result<Sort> {
@@ -75,6 +78,8 @@ fn sort(path: &Path) -> Result<Sort> {
     Ok(match &head[..length] {
         b"POINTCACHE2\0" => Sort::Cache,
         [b'g', b'l', b'T', b'F', ..] => Sort::Gltf,
+        _ if ends(&[".usda", ".usdc", ".usdz", ".abc", ".html", ".png", ".apng"]) => Sort::Written,
+        _ if ends(&[".mdd"]) => Sort::Mdd,
         [b'P', b'K', 3, 4, ..] => Sort::Mesh,
         _ if ends(&[".gltf", ".glb"]) => Sort::Gltf,
         _ if ends(&[".obj", ".ply", ".stl", ".off"]) => Sort::Mesh,
@@ -95,6 +100,11 @@ fn look(path: &Path, args: &Inspect) -> Result<Found> {
         Sort::Mesh => mesh(path),
         Sort::Proxy => proxy(path),
         Sort::Take => takes::look(path, args),
+        Sort::Mdd => mdd(path),
+        Sort::Written => Err(Error::new(Kind::Unsupported, "a format that this program writes, but does not read")
+            .file(path)
+            .expected("a scan, a capture, a proxy (.mesh), or a .glb, .pc2 or .mdd")
+            .hint("for what a run has put into it, see its --report")),
     }
 }
 
@@ -225,11 +235,32 @@ fn cache(path: &Path) -> Result<Found> {
     let (points, samples) = (i32::from_le_bytes(word(16)), i32::from_le_bytes(word(28)));
     let bytes = file.metadata().map_err(unreadable)?.len();
     let expected = 32 + u64::from(points.unsigned_abs()) * u64::from(samples.unsigned_abs()) * 12;
+    of_cache(path, "PC2", [points, samples], [bytes, expected])
+}
+
+fn mdd(path: &Path) -> Result<Found> {
+    let unreadable = |e: std::io::Error| Error::unreadable(path, &e);
+    let mut head = [[0; 4]; 2];
+    let mut file = File::open(path).map_err(unreadable)?;
+    let short = |_| Error::malformed("the header is cut short").file(path).expected("8 bytes");
+    head.iter_mut().try_for_each(|word| file.read_exact(word)).map_err(short)?;
+    let [samples, points] = head.map(i32::from_be_bytes);
+    let bytes = file.metadata().map_err(unreadable)?.len();
+    let [many, each] = [samples, points].map(|n| u64::from(n.unsigned_abs()));
+    of_cache(path, "MDD", [points, samples], [bytes, 8 + many * 4 + many * each * 12])
+}
+
+/// A point cache, if it is as long as its header says.
+fn of_cache(path: &Path, format: &str, [points, samples]: [i32; 2], [bytes, expected]: [u64; 2]) -> Result<Found> {
     if points < 0 || samples < 0 || bytes != expected {
         return Err(Error::malformed(format!("{bytes} bytes for {points} points and {samples} samples"))
             .file(path)
             .expected(format!("{expected} bytes")));
     }
     let lines = vec![format!("cache · {} points, {} samples", words::count(points as usize), words::count(samples as usize))];
-    Ok(Found { value: json!({ "kind": "cache", "points": points, "samples": samples }), lines, notes: Notes::default() })
+    Ok(Found {
+        value: json!({ "kind": "cache", "format": format, "points": points, "samples": samples }),
+        lines,
+        notes: Notes::default(),
+    })
 }

@@ -3,12 +3,12 @@
 use super::args::Animate;
 use crate::error::{Error, Kind, Result};
 use crate::export::{
-    FrameSink, alembic::Alembic, files, glb::GlbSink, mdd::Mdd, obj::ObjFrames, page::PageSink, pc2::Pc2, ply::PlyFrames,
-    stills::Stills, usd::Usd,
+    FrameSink, alembic::Alembic, encode::Tolerance, files, glb, obj::ObjFrames, page::PageSink, ply::PlyFrames,
+    point_cache::PointCache, stills::Stills, usd::Usd,
 };
 use std::path::{Path, PathBuf};
 
-const FORMATS: &str = "one of .glb, .abc, .usdc, .usda, .pc2, .mdd, .html (a page that plays), .png (a sheet of frames), .apng (an animation), or .ply or .obj with a run of # for the frame number, as in 'frames/f_####.ply'";
+const FORMATS: &str = "one of .glb, .abc, .usdc, .usda, .usdz, .pc2, .mdd, .html (a page that plays), .png (a sheet of frames), .apng (an animation), or .ply or .obj with a run of # for the frame number, as in 'frames/f_####.ply'";
 
 /// The sinks of all outputs.
 ///
@@ -21,6 +21,11 @@ pub(super) fn sinks(args: &Animate) -> Result<Vec<Box<dyn FrameSink>>> {
             .into_iter()
             .flatten()
             .collect();
+    let recording = glb::Recording::new(glb::Options {
+        tolerance: args.tolerance.map_or_else(Tolerance::default, |percent| Tolerance::of_worst(percent / 100.0)),
+        encode: args.encode.into(),
+        source_index: args.source_index,
+    });
     let mut seen: Vec<PathBuf> = Vec::new();
     let mut sinks = Vec::new();
     for path in args.out.iter().chain(&args.report).chain(&args.save_proxy).chain(&args.picture).chain(&args.save_rig) {
@@ -35,7 +40,7 @@ pub(super) fn sinks(args: &Animate) -> Result<Vec<Box<dyn FrameSink>>> {
         }
         seen.push(whole);
         if args.out.contains(path) {
-            sinks.push(sink(path)?);
+            sinks.push(sink(path, &recording)?);
         }
         if !args.force && files::exists(path) {
             return Err(Error::new(Kind::Unwritable, "exists already")
@@ -81,17 +86,18 @@ fn same_frames(a: &Path, b: &Path) -> bool {
     parts(a).is_some_and(|a| parts(b) == Some(a))
 }
 
-fn sink(path: &Path) -> Result<Box<dyn FrameSink>> {
+/// `recording`: what GLB and page share.
+fn sink(path: &Path, recording: &glb::Recording) -> Result<Box<dyn FrameSink>> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     match (extension.as_str(), is_sequence(path)) {
-        ("glb", false) => Ok(Box::new(GlbSink::new(path))),
-        ("html", false) => Ok(Box::new(PageSink::new(path))),
+        ("glb", false) => Ok(Box::new(glb::GlbSink::of(path, recording))),
+        ("html", false) => Ok(Box::new(PageSink::of(path, recording))),
         ("png", false) => Ok(Box::new(Stills::sheet(path))),
         ("apng", false) => Ok(Box::new(Stills::preview(path))),
-        ("pc2", false) => Ok(Box::new(Pc2::new(path))),
-        ("usda" | "usdc", false) => Ok(Box::new(Usd::new(path))),
+        ("pc2", false) => Ok(Box::new(PointCache::pc2(path))),
+        ("usda" | "usdc" | "usdz", false) => Ok(Box::new(Usd::new(path))),
         ("abc", false) => Ok(Box::new(Alembic::new(path))),
-        ("mdd", false) => Ok(Box::new(Mdd::new(path))),
+        ("mdd", false) => Ok(Box::new(PointCache::mdd(path))),
         ("ply", true) => Ok(Box::new(PlyFrames::new(path))),
         ("obj", true) => Ok(Box::new(ObjFrames::new(path))),
         ("ply" | "obj", false) => {
@@ -102,7 +108,7 @@ fn sink(path: &Path) -> Result<Box<dyn FrameSink>> {
                 .expected("a run of # for the frame number")
                 .hint(format!("-o '{}'", pattern.display())))
         }
-        ("glb" | "html" | "png" | "apng" | "pc2" | "mdd" | "usda" | "usdc" | "abc", true) => {
+        ("glb" | "html" | "png" | "apng" | "pc2" | "mdd" | "usda" | "usdc" | "usdz" | "abc", true) => {
             Err(Error::new(Kind::Usage, format!("a .{extension} file holds the whole take"))
                 .file(path)
                 .expected("a name without #"))

@@ -3,10 +3,9 @@
 //! It holds the GLB that [`super::glb::GlbSink`] would write, what was measured of every frame, and a player of its own (`page/`); nothing is
 //! loaded from elsewhere.
 
-use super::encode::Tolerance;
 use super::encode::spool::Spool;
 use super::files::{Pending, folder_of};
-use super::glb::{Poses, file_space};
+use super::glb::{Options, Recording, file_space};
 use super::{FrameBatch, FrameSink, Header, Measures, Needs, Written};
 use crate::error::{Error, Result};
 use crate::report::{Spread, rounded};
@@ -23,7 +22,18 @@ mod base64;
 /// The page, with names in double braces for what is put in.
 const PAGE: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/page.css");
-const SCRIPT: &str = include_str!("page/page.js");
+/// One script in rooms: what is above is known below.
+const SCRIPT: &[&str] = &[
+    include_str!("page/start.js"),
+    include_str!("page/vectors.js"),
+    include_str!("page/model.js"),
+    include_str!("page/handles.js"),
+    include_str!("page/shaders.js"),
+    include_str!("page/renderer.js"),
+    include_str!("page/camera.js"),
+    include_str!("page/plot.js"),
+    include_str!("page/main.js"),
+];
 
 /// Places in the page are steps of a box around all of them; this one stands for a place that is missing.
 const MISSING: u16 = u16::MAX;
@@ -35,14 +45,14 @@ const FOLDED: u32 = 10;
 #[derive(Debug)]
 pub struct PageSink {
     path: PathBuf,
+    recording: Recording,
     open: Option<Open>,
 }
 
 #[derive(Debug)]
 struct Open {
     header: Arc<Header>,
-    // Dropped in this order: the poses and the measures go before the folder.
-    poses: Poses,
+    // Dropped in this order: the measures go before the folder.
     measured: Measured,
     file: Pending,
 }
@@ -68,7 +78,12 @@ struct Measured {
 impl PageSink {
     /// A sink for `path`.
     pub fn new(path: impl Into<PathBuf>) -> Self {
-        Self { path: path.into(), open: None }
+        Self::of(path, &Recording::new(Options::default()))
+    }
+
+    /// A sink for what is recorded, which other sinks may write, too: it is encoded once.
+    pub fn of(path: impl Into<PathBuf>, recording: &Recording) -> Self {
+        Self { path: path.into(), recording: recording.clone(), open: None }
     }
 
     fn opened(&mut self) -> &mut Open {
@@ -84,13 +99,13 @@ impl FrameSink for PageSink {
     fn begin(&mut self, header: &Arc<Header>) -> Result<()> {
         // The file first: it makes the folder.
         let file = Pending::create(&self.path)?;
-        let poses = Poses::new(&self.path, header)?;
-        self.open = Some(Open { header: header.clone(), poses, measured: Measured::default(), file });
+        self.recording.begin(&self.path, header)?;
+        self.open = Some(Open { header: header.clone(), measured: Measured::default(), file });
         Ok(())
     }
 
     fn frames(&mut self, batch: &FrameBatch<'_>) -> Result<()> {
-        self.opened().poses.push(batch)
+        self.recording.push(batch)
     }
 
     fn measured(&mut self, measures: &Measures<'_>) -> Result<()> {
@@ -100,7 +115,7 @@ impl FrameSink for PageSink {
 
     fn finish(mut self: Box<Self>) -> Result<Written> {
         let path = self.path;
-        let Some(Open { header, poses, measured, mut file }) = self.open.take() else {
+        let Some(Open { header, measured, mut file }) = self.open.take() else {
             return Err(Error::refused("no frames").file(&path));
         };
         let unwritable = |e: std::io::Error| Error::unwritable(&path, &e);
@@ -111,11 +126,11 @@ impl FrameSink for PageSink {
         let head = head.replace("{{title}}", &escaped(&title(&header))).replace("{{style}}", STYLE);
         out.write_all(head.as_bytes()).map_err(unwritable)?;
         let mut base64 = Base64::new(&mut out);
-        let mut written = poses.write(&path, Tolerance::default(), &mut base64)?;
+        let mut written = self.recording.write(&path, &mut base64)?;
         base64.finish().map_err(unwritable)?;
         // In a script element only its end tag has a meaning of its own; here no tag is left.
         let run = measured.describe(&header, &written).map_err(|e| e.file(&path))?.to_string().replace('<', "\\u003c");
-        for text in [between, &run, tail, SCRIPT, end] {
+        for text in [between, &run, tail].iter().chain(SCRIPT).chain(&[end]) {
             out.write_all(text.as_bytes()).map_err(unwritable)?;
         }
         out.flush().map_err(unwritable)?;

@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used, clippy::print_stderr)]
 
 use super::obj::ObjFrames;
-use super::pc2::Pc2;
 use super::ply::PlyFrames;
+use super::point_cache::{PointCache, Times};
 use super::{Cancel, FrameBatch, FrameSink, Written};
 use crate::error::Kind;
 use crate::scan::{Image, Material, Scan, UnitBox, read};
@@ -177,8 +177,9 @@ fn pc2_holds_every_sample_in_vertex_order() {
     let scan = sample(dir.path());
     let motion = Motion::of(&scan, 5);
     let path = dir.path().join("a.pc2");
-    let mut sink = Box::new(Pc2::new(&path));
-    sink.open(scan.mesh.positions.len(), motion.unit_box, 12, &Cancel::default()).unwrap();
+    let mut sink = Box::new(PointCache::pc2(&path));
+    sink.open(scan.mesh.positions.len(), motion.unit_box, Times { first: 12, frames: 5, rate: 30.0 }, &Cancel::default())
+        .unwrap();
     motion.feed(&mut *sink);
     assert!(!path.exists());
     let written = sink.finish().unwrap();
@@ -202,8 +203,9 @@ fn pc2_far_from_the_origin_states_its_error() {
     let mut scan = sample(dir.path());
     scan.mesh.positions.iter_mut().for_each(|p| *p += DVec3::new(3e7, 0.0, 0.0));
     let motion = Motion::of(&scan, 2);
-    let mut sink = Box::new(Pc2::new(&dir.path().join("a.pc2")));
-    sink.open(scan.mesh.positions.len(), motion.unit_box, 12, &Cancel::default()).unwrap();
+    let mut sink = Box::new(PointCache::pc2(&dir.path().join("a.pc2")));
+    sink.open(scan.mesh.positions.len(), motion.unit_box, Times { first: 12, frames: 2, rate: 30.0 }, &Cancel::default())
+        .unwrap();
     motion.feed(&mut *sink);
     let written = sink.finish().unwrap();
     assert!(written.max_error > 0.01 && written.max_error < 2.0 && written.rms_error <= written.max_error, "{written:?}");

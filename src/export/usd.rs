@@ -1,7 +1,8 @@
-//! USD, as text or as a crate: one mesh with time-sampled points, normals and extent, for film and simulation pipelines.
+//! USD, as text, as a crate or as a package: one mesh with time-sampled points, normals and extent, for film and simulation pipelines.
 //!
 //! What does not move is written once. Time codes are frame numbers.
 
+use super::files::Pending;
 use super::single::Singles;
 use super::{Cancel, FrameBatch, FrameSink, Header, Needs, Written};
 use crate::error::{Notes, Result};
@@ -11,12 +12,15 @@ use std::sync::Arc;
 
 mod binary;
 mod material;
+mod package;
 mod stage;
 mod text;
 
-use stage::{Layer, Track};
+use material::Textures;
+use package::Package;
+use stage::Track;
 
-/// Writes a `.usda` or `.usdc` file, in the scan's own unit, axes and vertex order.
+/// Writes a `.usda`, `.usdc` or `.usdz` file, in the scan's own unit, axes and vertex order.
 #[derive(Debug)]
 pub struct Usd {
     path: PathBuf,
@@ -48,7 +52,7 @@ struct Open {
 }
 
 impl Usd {
-    /// A sink for `path`; its extension tells whether it is text.
+    /// A sink for `path`; its extension tells whether it is text or a package.
     pub fn new(path: &Path) -> Self {
         Self { path: path.to_owned(), open: None }
     }
@@ -64,21 +68,30 @@ impl FrameSink for Usd {
         let scan = &*header.scan;
         let vertices = scan.mesh.positions.len();
         let normal_vertices = NormalVertices::of(scan);
-        let binary = self.path.extension().is_some_and(|e| e.eq_ignore_ascii_case("usdc"));
         // First the file, since textures are named from its folder, which may be new.
-        let file = super::files::Pending::create(&self.path)?;
-        let folder = crate::beside::folder_of(&self.path);
-        let layer: Layer = stage::layer(header, &normal_vertices, folder, &mut notes);
-        let encoding: Box<dyn Encoding> = match binary {
-            true => Box::new(binary::Crate::begin(file, layer)?),
-            false => Box::new(text::Text::begin(file, &layer, &self.path)?),
+        let file = Pending::create(&self.path)?;
+        let path = &self.path;
+        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+        let mut textures = match extension == "usdz" {
+            true => Textures::Inside(Vec::new(), Vec::new()),
+            false => Textures::Beside(crate::beside::folder_of(path)),
+        };
+        let layer = stage::layer(header, &normal_vertices, &mut textures, &mut notes);
+        let normals = if stage::split(scan, &normal_vertices) { normal_vertices.vertices.len() } else { vertices };
+        let encoding: Box<dyn Encoding> = match (textures, extension == "usdc") {
+            (Textures::Inside(textures, _), _) => {
+                Package::check_size(path, header.frames as u64 * (vertices + normals) as u64 * 12)?;
+                Box::new(Package::begin([Pending::create(path)?, file], layer, textures, path)?)
+            }
+            (Textures::Beside(_), true) => Box::new(binary::Crate::begin(file, layer)?),
+            (Textures::Beside(_), false) => Box::new(text::Text::begin(file, &layer, path)?),
         };
         self.open = Some(Open {
             encoding,
             singles: Singles::new(vertices, header.unit_box, header.first_frame),
             first_frame: header.first_frame,
             frames: header.frames,
-            normals: if stage::split(scan, &normal_vertices) { normal_vertices.vertices.len() } else { vertices },
+            normals,
             cancel: header.cancel.clone(),
             notes,
         });

@@ -8,7 +8,7 @@ use super::select::{CANDIDATES, Gram};
 use super::start::{nearest_to, split};
 use super::table::Growing;
 use super::tracks::Tracks;
-use super::{Influences, Tolerance};
+use super::{Encode, Influences, Tolerance};
 use crate::error::{Error, Result};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -17,12 +17,14 @@ use rayon::prelude::*;
 const FIRST_FRAMES: usize = 32;
 /// Joints to begin with. Growing from too few ends with more.
 const FIRST_JOINTS: usize = 56;
-/// Joints at most.
-pub const MOST_JOINTS: usize = 160;
+/// Joints at most: with the root they fit bytes, and what players allow in one skin.
+pub const MOST_JOINTS: usize = 250;
 /// Rounds of improvement at most.
-const CYCLES: usize = 6;
+const CYCLES: usize = 8;
 /// The same when points are added.
 const LATER_CYCLES: usize = 3;
+/// An error that uses more of the tolerance needs many joints more.
+const FAR_OFF: f64 = 2.0;
 /// A frame that uses less of the tolerance needs no more rounds.
 const SETTLED: f64 = 0.5;
 
@@ -102,12 +104,14 @@ impl FitError {
 }
 
 /// Fits joints until the points are within `goal`, or as near as the bounds on joints and rounds allow.
-pub fn fit(motion: &Motion<'_>, points: FitPoints, goal: Tolerance) -> Result<Fit> {
+///
+/// With corrective morph targets to come, few bad frames are [spared](Tolerance::spares).
+pub fn fit(motion: &Motion<'_>, points: FitPoints, goal: Tolerance, encode: Encode) -> Result<Fit> {
     let frames = motion.farthest_frames(&points, FIRST_FRAMES)?;
     let sample = Sample::read(motion, &points, frames)?;
     let joints = split(&points, &sample, FIRST_JOINTS, goal.rms, motion.cancel)?;
     let emphasis = vec![Emphasis::new(points.len()); sample.len()];
-    State { points, sample, joints, emphasis, tracks: None }.improve(motion, goal, CYCLES, true)
+    State { points, sample, joints, emphasis, tracks: None, encode }.improve(motion, goal, CYCLES, true)
 }
 
 /// Goes on from a fit with other points behind the proxy's, which have to meet the goal too.
@@ -120,7 +124,7 @@ pub fn extend(
     influences: &[Influences],
     frames: &[usize],
     grows: bool,
-    goal: Tolerance,
+    (goal, encode): (Tolerance, Encode),
 ) -> Result<Fit> {
     let mut all = fit.sample.frames.clone();
     all.extend(frames);
@@ -128,7 +132,12 @@ pub fn extend(
     all.dedup();
     let blend = Blend::new(&points.rest, influences, fit.tracks.joints());
     let (sample, joints, emphasis) = begin(motion, &points, &fit.tracks, all, &blend, goal)?;
-    State { points, sample, joints, emphasis, tracks: Some(fit.tracks.clone()) }.improve(motion, goal, LATER_CYCLES, grows)
+    State { points, sample, joints, emphasis, tracks: Some(fit.tracks.clone()), encode }.improve(
+        motion,
+        goal,
+        LATER_CYCLES,
+        grows,
+    )
 }
 
 /// What a cycle begins with.
@@ -139,6 +148,7 @@ struct State {
     emphasis: Vec<Emphasis>,
     /// Transforms on all frames, once there are any.
     tracks: Option<Tracks>,
+    encode: Encode,
 }
 
 impl State {
@@ -156,7 +166,8 @@ impl State {
                 worse = now;
                 &worse
             };
-            if goal.spares(used, now.error.frames_over(goal), motion.frames()) || left == 0 {
+            let spared = self.encode != Encode::Skin && goal.spares(used, now.error.frames_over(goal), motion.frames());
+            if used <= 1.0 || spared || left == 0 {
                 break;
             }
             let more_frames = worst_frames(&now.error, &self.sample, goal);
@@ -372,7 +383,8 @@ fn worst_frames(error: &FitError, sample: &Sample, goal: Tolerance) -> Vec<usize
 /// More joints at the points with the largest errors, spaced apart; `None` when there are as many as allowed.
 fn grow(motion: &Motion<'_>, points: &FitPoints, tracks: &Tracks, error: &FitError, goal: Tolerance) -> Result<Option<Tracks>> {
     let room = MOST_JOINTS.saturating_sub(tracks.joints());
-    let wanted = (tracks.joints() * 12).div_ceil(100).max(2).min(room);
+    let percent = if error.used(goal) > FAR_OFF { 25 } else { 12 };
+    let wanted = (tracks.joints() * percent).div_ceil(100).max(2).min(room);
     let frames = error.per_frame.len() as f64;
     let mut merit: Vec<f64> = (0..points.len())
         .map(|i| error.worst_square[i] / goal.worst.powi(2) + error.squares[i] / frames / goal.rms.powi(2))

@@ -9,27 +9,36 @@
 //! 3. [`fit`]: weights and joints alternate on the chosen frames, transforms follow on all frames, joints are added where the error is;
 //! 4. [`surface`]: the weights of the scan's vertices through the map's rows;
 //! 5. [`skin`]: the numbers as a file holds them;
-//! 6. [`measure`]: these numbers decoded again and compared with the motion.
+//! 6. [`measure`]: these numbers decoded again and compared with the motion;
+//! 7. [`correct`]: where joints no longer help, morph targets for what is left in single frames.
+//!
+//! [`basis`] stores a motion without joints, as morph targets alone; [`parts`] that of rigid parts, as a track of each.
 //!
 //! All lengths are fractions of the scan's diagonal (the unit box).
 
 use self::fit::Fit;
 use self::measure::{Summary, VertexError, Written};
+use self::morphs::Morphs;
 use self::motion::{FitPoints, Motion};
 use self::skin::{FileSpace, Skin};
 use self::spool::Spool;
 use self::surface::SurfaceWeights;
-use crate::error::Result;
+use crate::error::{Error, Kind, Result};
 use crate::export::Cancel;
 use crate::linalg::SparseRow;
 use crate::surface::SurfaceMap;
+use crate::words;
 use glam::DVec3;
 use std::collections::BTreeSet;
 
+pub mod basis;
 pub mod blend;
+pub mod correct;
 pub mod fit;
 pub mod measure;
+pub mod morphs;
 pub mod motion;
+pub mod parts;
 pub mod rigid;
 pub mod sample;
 pub mod scratch;
@@ -48,13 +57,27 @@ const WORST: usize = 300;
 
 /// Attempts to improve the fit by the scan's worst vertices.
 const EXTENSIONS: usize = 2;
+/// The same, once a skin was measured on all frames.
+const ROUNDS: usize = 6;
 /// Frames that a trial is measured on besides those that it was learned from.
 const CHECKED: usize = 16;
 
 /// Misses count as rare in at most one of so many frames.
 const RARE: usize = 100;
 
-/// How far the skin may be from the motion, in fractions of the diagonal.
+/// By what a motion is stored.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Encode {
+    /// A track of each rigid part, if there is nothing else; else a skin, and corrective morph targets where joints no longer help.
+    #[default]
+    Auto,
+    /// A skin alone.
+    Skin,
+    /// Morph targets alone, under a node that carries the motion of the whole.
+    Morph,
+}
+
+/// How far what is stored may be from the motion, in fractions of the diagonal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerance {
     /// At the worst vertex of the worst frame.
@@ -65,7 +88,14 @@ pub struct Tolerance {
 
 impl Default for Tolerance {
     fn default() -> Self {
-        Self { worst: 0.0025, rms: 0.0005 }
+        Self::of_worst(0.0025)
+    }
+}
+
+impl Tolerance {
+    /// The given worst error, and a fifth of it root mean square.
+    pub fn of_worst(worst: f64) -> Self {
+        Self { worst, rms: worst / 5.0 }
     }
 }
 
@@ -76,7 +106,7 @@ impl Tolerance {
     }
 
     /// Whether an error that uses so much of the tolerance is not worth more joints: by less than twice, and only in few of the frames. There
-    /// the pose itself snaps, as where a fold turns over, and what a joint gains in one frame all others pay for.
+    /// the pose itself snaps, as where a fold turns over, and what a joint gains in one frame all others pay for; morph targets correct it.
     pub fn spares(&self, used: f64, frames_over: usize, frames: usize) -> bool {
         used <= 1.0 || used < 2.0 && frames_over * RARE <= frames
     }
@@ -129,51 +159,88 @@ pub struct Job<'a, M> {
     pub vertices: &'a [u32],
     /// Points of the map at rest, unit box.
     pub rest: &'a [DVec3],
+    /// Pieces of the surface that do not touch each other, the largest first, as places in `vertices`.
+    pub pieces: &'a [Vec<u32>],
     /// Coordinates of the file.
     pub space: FileSpace,
-    /// How near the skin should come.
+    /// How near it has to come.
     pub tolerance: Tolerance,
+    /// By what.
+    pub encode: Encode,
+    /// Steps of a weight from 0 to 1.
+    pub levels: u16,
     /// Stops long work.
     pub cancel: &'a Cancel,
 }
 
-/// A skin with its measured error.
+/// A motion as stored, with its measured error.
 #[derive(Clone, Debug)]
 pub struct Encoded {
-    /// As written.
+    /// Joints, and what hangs on them.
     pub skin: Skin,
+    /// What is added to the positions at rest before the joints move them.
+    pub morphs: Morphs,
     /// Positions of the skin's vertices at rest, as written.
     pub rest: Vec<[f32; 3]>,
     /// Distances in the file's unit.
     pub summary: Summary,
-    /// Whether the error is within the tolerance, or [spared](Tolerance::spares).
-    pub met: bool,
     /// Joint weights of proxy vertices, for names: proxy vertex, weights.
     pub proxy_influences: Vec<(u32, Influences)>,
+    /// Where each joint moves a rigid part: the part of each vertex.
+    pub parts: Option<Vec<u16>>,
 }
 
 impl<M: PointMap> Job<'_, M> {
     /// Fits, rounds and measures.
     ///
     /// While it is on trial a skin is measured on the frames that it was learned from and the worst others; in the end on all.
+    ///
+    /// # Errors
+    /// [`Kind::Unreached`](crate::error::Kind::Unreached) with the error that is left and its frame, counted from 0.
     pub fn run(&self) -> Result<Encoded> {
         let motion = Motion::new(self.spool, self.proxy_rest, self.cancel)?;
+        let encoded = match self.encode {
+            Encode::Morph => basis::encode(self, &motion)?,
+            Encode::Skin => self.skinned(&motion)?,
+            Encode::Auto => match parts::encode(self, &motion)? {
+                Some(encoded) => encoded,
+                None => self.skinned(&motion)?,
+            },
+        };
+        let summary = &encoded.summary;
+        let (worst, rms) = (summary.worst / self.space.scale, summary.rms / self.space.scale);
+        if self.tolerance.used(worst, rms) > 1.0 {
+            let [worst, rms] = [worst, rms].map(|e| words::digits(100.0 * e));
+            return Err(Error::new(Kind::Unreached, format!("{worst} % worst, {rms} % rms")).at(summary.frame.to_string()));
+        }
+        Ok(encoded)
+    }
+
+    fn skinned(&self, motion: &Motion<'_>) -> Result<Encoded> {
         let read = surface::read_by_map(self.map, self.vertices, self.proxy_rest.len());
         let points = FitPoints::new(self.proxy_rest, read);
-        let trial = self.trial(&motion, fit::fit(&motion, points, self.goal())?, &[])?;
-        let mut best = self.complete(&motion, self.search(&motion, trial)?)?;
-        if !self.is_enough(&best) {
-            let frames = worst_frames(&best.errors);
-            let fit = self.extended(&motion, &best, &frames)?;
-            let other = self.complete(&motion, self.trial(&motion, fit, &frames)?)?;
-            if self.used(&other) < self.used(&best) {
-                best = other;
+        let trial = self.trial(motion, fit::fit(motion, points, self.goal(), self.encode)?, &[])?;
+        let mut best = self.complete(motion, self.search(motion, trial)?)?;
+        for _ in 0..ROUNDS {
+            if self.is_enough(&best) {
+                break;
             }
+            let frames = worst_frames(&best.errors);
+            let fit = self.extended(motion, &best, &frames)?;
+            let other = self.complete(motion, self.trial(motion, fit, &frames)?)?;
+            if self.used(&other) >= self.used(&best) {
+                break;
+            }
+            best = other;
+        }
+        let mut morphs = Morphs::none(self.spool.frames());
+        if self.encode == Encode::Auto && self.used(&best) > 1.0 {
+            (morphs, best.errors) = correct::correct(self, &best.skin, best.errors)?;
         }
         let summary = measure::summary(&best.errors, best.frames.len());
         let vertices = best.fit.points.vertices().iter().copied();
         let proxy_influences = vertices.zip(best.fit.influences.iter().copied()).collect();
-        Ok(Encoded { met: self.is_enough(&best), skin: best.skin, rest: self.rest_as_written(), summary, proxy_influences })
+        Ok(Encoded { skin: best.skin, morphs, rest: self.rest_as_written(), summary, proxy_influences, parts: None })
     }
 
     /// What the proxy's points aim at: the scan's own vertices need the rest of the tolerance.
@@ -207,7 +274,7 @@ impl<M: PointMap> Job<'_, M> {
         let influences = weights.solve(self.vertices, self.rest);
         self.cancel.check()?;
         let at_rest: Vec<DVec3> = self.vertices.iter().map(|&v| self.rest[v as usize]).collect();
-        let skin = Skin::new(motion, &fit.tracks, &at_rest, &influences, self.space)?;
+        let skin = Skin::new(motion, &fit.tracks, &at_rest, &influences, self.space, self.levels)?;
         let mut checked = fit.sample.frames.clone();
         checked.extend(frames);
         checked.extend(fit.error.worst_frames(CHECKED));
@@ -229,7 +296,8 @@ impl<M: PointMap> Job<'_, M> {
         let rest = self.rest_as_written();
         let space = self.space;
         let skin = &mut trial.skin;
-        let written = Written { skin, rest: &rest, space };
+        let morphs = Morphs::none(self.spool.frames());
+        let written = Written { skin, morphs: &morphs, rest: &rest, space };
         trial.errors = written.measure(self.map, self.vertices, self.spool, &trial.frames, self.cancel)?;
         let bound = 0.72 * self.tolerance.worst * space.scale;
         let doubtful = surface::worst_vertices(&trial.errors, bound, REFINED);
@@ -242,7 +310,7 @@ impl<M: PointMap> Job<'_, M> {
         for (&i, influences) in doubtful.iter().zip(&refined) {
             skin.set_influences(i, influences);
         }
-        let after = Written { skin, rest: &rest, space }.measure_rows(&rows, self.spool, self.cancel)?;
+        let after = Written { skin, morphs: &morphs, rest: &rest, space }.measure_rows(&rows, self.spool, self.cancel)?;
         for (k, &i) in doubtful.iter().enumerate() {
             let better = after[k].worst_square < before[k].worst_square;
             if !better {
@@ -262,15 +330,18 @@ impl<M: PointMap> Job<'_, M> {
         let points = fit.points.with_rows(rows, worst.iter().map(|i| self.rest[vertex(i)]));
         let mut influences = fit.influences[..fit.points.vertices().len()].to_vec();
         influences.extend(worst.iter().map(|&i| trial.skin.influences(i)));
-        fit::extend(motion, fit, points, &influences, frames, !self.is_enough(trial), self.goal())
+        fit::extend(motion, fit, points, &influences, frames, !self.is_enough(trial), (self.goal(), self.encode))
     }
 
     fn rest_as_written(&self) -> Vec<[f32; 3]> {
         self.vertices.iter().map(|&v| self.space.leave(self.rest[v as usize]).as_vec3().to_array()).collect()
     }
 
-    /// Within the tolerance, or beyond it in few frames.
+    /// Within the tolerance, or beyond it in few frames that morph targets correct.
     fn is_enough(&self, trial: &Trial) -> bool {
+        if self.encode == Encode::Skin {
+            return self.used(trial) <= 1.0;
+        }
         let bound = self.tolerance.worst * self.space.scale;
         let over: BTreeSet<usize> = trial.errors.iter().filter(|e| e.worst_square > bound * bound).map(|e| e.frame).collect();
         self.tolerance.spares(self.used(trial), over.len(), self.spool.frames())

@@ -26,7 +26,7 @@ impl FileSpace {
 }
 
 /// Node 0 is the root, which carries the motion of the whole; nodes 1 and up are its children, the joints of the fit in their order.
-/// No vertex hangs on node 0.
+/// No vertex hangs on node 0, unless there are no joints: then all do.
 #[derive(Clone, Debug)]
 pub struct Skin {
     /// Where nodes are at rest, in the file's coordinates; they have no rotation there. Rest is the pose of binding.
@@ -37,8 +37,10 @@ pub struct Skin {
     pub keys: Table<Key>,
     /// Four nodes per vertex, heaviest first, 0 where the weight is 0.
     pub joints: Vec<[u16; 4]>,
-    /// Their weights in units of 1/65535; each four sum to 65535.
+    /// Their weights in units of 1/levels; each four sum to `levels`.
     pub weights: Vec<[u16; 4]>,
+    /// Steps of a weight from 0 to 1: 255 or 65535.
+    pub levels: u16,
 }
 
 /// Place of a node in its parent.
@@ -61,7 +63,7 @@ pub struct Matrix {
 }
 
 impl Skin {
-    /// Rounds a fitted skin. `rest`: vertices at rest in the unit box, as many as `influences`.
+    /// Rounds a fitted skin. `rest`: vertices at rest in the unit box, as many as `influences`; without influences all hang on the root.
     ///
     /// Pivots lie in the middle of their joint's weights: between two keys a player interpolates rotation and translation each for itself, and far
     /// from the pivot the two would not fit together.
@@ -71,6 +73,7 @@ impl Skin {
         rest: &[DVec3],
         influences: &[Influences],
         space: FileSpace,
+        levels: u16,
     ) -> Result<Self> {
         let middle = rest.iter().sum::<DVec3>() / rest.len().max(1) as f64;
         let mut sums = vec![(DVec3::ZERO, 0.0); tracks.joints()];
@@ -102,11 +105,12 @@ impl Skin {
                 .map(|k| if k == 0 { space.leave(middle) } else { local(k) }.as_vec3().to_array())
                 .collect(),
             keys: keys.finish()?,
-            joints: vec![[0; 4]; influences.len()],
-            weights: vec![[0; 4]; influences.len()],
+            joints: vec![[0; 4]; rest.len()],
+            weights: vec![[levels, 0, 0, 0]; rest.len()],
+            levels,
         };
         skin.joints.par_iter_mut().zip(&mut skin.weights).zip(influences).for_each(|((joints, weights), influence)| {
-            (*joints, *weights) = round(influence);
+            (*joints, *weights) = round(influence, levels);
         });
         Ok(skin)
     }
@@ -123,7 +127,7 @@ impl Skin {
 
     /// Replaces the weights of a vertex.
     pub fn set_influences(&mut self, vertex: usize, influences: &Influences) {
-        (self.joints[vertex], self.weights[vertex]) = round(influences);
+        (self.joints[vertex], self.weights[vertex]) = round(influences, self.levels);
     }
 
     /// What a vertex hangs on, as written, in joints of the fit.
@@ -131,7 +135,7 @@ impl Skin {
         let mut influences = Influences::default();
         for k in 0..4 {
             influences.joints[k] = self.joints[vertex][k].saturating_sub(1);
-            influences.weights[k] = f64::from(self.weights[vertex][k]) / 65535.0;
+            influences.weights[k] = f64::from(self.weights[vertex][k]) / f64::from(self.levels);
         }
         influences
     }
@@ -175,14 +179,14 @@ impl Key {
     }
 }
 
-/// Weights in steps of 1/65535 that sum to 65535 (largest remainder), heaviest first, and the nodes they belong to.
-fn round(influences: &Influences) -> ([u16; 4], [u16; 4]) {
+/// Weights in steps of 1/levels that sum to `levels` (largest remainder), heaviest first, and the nodes they belong to.
+fn round(influences: &Influences, levels: u16) -> ([u16; 4], [u16; 4]) {
     let total: f64 = influences.weights.iter().sum();
-    let exact = influences.weights.map(|w| w / total * 65535.0);
+    let exact = influences.weights.map(|w| w / total * f64::from(levels));
     let mut whole = exact.map(|w| w.floor() as u32);
     let mut order = [0, 1, 2, 3];
     order.sort_by(|&a: &usize, &b| exact[b].fract().total_cmp(&exact[a].fract()).then(a.cmp(&b)));
-    let missing = 65535u32.saturating_sub(whole.iter().sum());
+    let missing = u32::from(levels).saturating_sub(whole.iter().sum());
     for &k in order.iter().cycle().filter(|&&k| exact[k] > 0.0).take(missing as usize) {
         whole[k] += 1;
     }
@@ -205,14 +209,16 @@ mod tests {
             let raw = [x(0) + 1e-3, x(1), x(2), x(3)];
             let total: f64 = raw.iter().sum();
             let influences = Influences { joints: [3, 9, 12, 40], weights: raw.map(|w| w / total) };
-            let (nodes, weights) = round(&influences);
-            assert_eq!(weights.iter().map(|&w| u32::from(w)).sum::<u32>(), 65535);
+            let levels = if seed % 2 == 0 { 255 } else { 65535 };
+            let (nodes, weights) = round(&influences, levels);
+            assert_eq!(weights.iter().map(|&w| u32::from(w)).sum::<u32>(), u32::from(levels));
             assert!(weights.is_sorted_by(|a, b| a >= b));
             for k in 0..4 {
                 assert_eq!(weights[k] == 0, nodes[k] == 0);
                 if weights[k] > 0 {
                     let from = influences.joints.iter().position(|&j| j + 1 == nodes[k]).unwrap();
-                    assert!((f64::from(weights[k]) / 65535.0 - influences.weights[from]).abs() < 2e-5);
+                    let step = 1.0 / f64::from(levels);
+                    assert!((f64::from(weights[k]) * step - influences.weights[from]).abs() < 1.01 * step);
                 }
             }
         }

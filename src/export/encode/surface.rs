@@ -16,7 +16,7 @@ use rayon::prelude::*;
 /// Candidates of an ordinary vertex: more bring nothing but time.
 const FEW: usize = 6;
 /// Numbers held while vertices are refitted on all frames.
-const BUDGET: usize = 4 << 20;
+const BUDGET: usize = 1 << 20;
 
 /// Proxy vertices that some row of the map reads; the others are not seen in the result, and need no fit.
 pub fn read_by_map(map: &impl PointMap, vertices: &[u32], proxy_vertices: usize) -> Vec<u32> {

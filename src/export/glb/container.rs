@@ -8,6 +8,8 @@ use std::io::{self, Write};
 pub(crate) mod component {
     /// `UNSIGNED_BYTE`
     pub(crate) const U8: u32 = 5121;
+    /// `BYTE`
+    pub(crate) const I8: u32 = 5120;
     /// `SHORT`
     pub(crate) const I16: u32 = 5122;
     /// `UNSIGNED_SHORT`
@@ -81,6 +83,20 @@ impl Buffer {
     ) -> usize {
         let mut accessor =
             json!({ "bufferView": view, "byteOffset": offset, "componentType": component, "count": count, "type": kind });
+        if let (Some(accessor), Value::Object(more)) = (accessor.as_object_mut(), more) {
+            accessor.extend(more);
+        }
+        self.accessors.push(accessor);
+        self.accessors.len() - 1
+    }
+
+    /// Adds an accessor of three floats that are zero but for some, whose views of indices and of values are given; returns its index.
+    pub(crate) fn sparse(&mut self, views: Option<(usize, usize)>, some: usize, count: usize, more: Value) -> usize {
+        let mut accessor = json!({ "componentType": component::F32, "count": count, "type": "VEC3" });
+        if let Some((indices, values)) = views {
+            let indices = json!({ "bufferView": indices, "componentType": component::U32 });
+            accessor["sparse"] = json!({ "count": some, "indices": indices, "values": { "bufferView": values } });
+        }
         if let (Some(accessor), Value::Object(more)) = (accessor.as_object_mut(), more) {
             accessor.extend(more);
         }

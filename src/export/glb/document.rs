@@ -1,10 +1,15 @@
 //! The glTF document: scene, nodes, skin, mesh, animation.
+//!
+//! A motion without joints has no skin: the mesh hangs on the root's node, and morph targets do the rest. Nor has one of rigid parts: each is a
+//! mesh on a node of its own.
 
 use super::container::{Buffer, Pieces, Target, bounds, component, float_rows, numbers};
 use super::geometry::{Geometry, Primitive};
 use super::looks::{Looks, linear_color};
+use super::morphs;
 use crate::error::Notes;
-use crate::export::encode::skin::{Key, Skin};
+use crate::export::encode::Encoded;
+use crate::export::encode::skin::Key;
 use crate::scan::Scan;
 use glam::DVec3;
 use serde_json::{Value, json};
@@ -24,9 +29,7 @@ pub(crate) struct Content<'a> {
     /// Unit normals at rest, per normal vertex.
     pub(crate) normals: &'a [[f32; 3]],
     /// The motion.
-    pub(crate) skin: &'a Skin,
-    /// Positions of the skin's vertices at rest.
-    pub(crate) rest: &'a [[f32; 3]],
+    pub(crate) encoded: &'a Encoded,
     /// Place in the skin of each scan vertex.
     pub(crate) places: &'a [u32],
     /// Names of the skin's nodes.
@@ -39,6 +42,19 @@ pub(crate) struct Content<'a> {
     pub(crate) name: &'a str,
     /// Name of the animation.
     pub(crate) animation: &'a str,
+    /// Of normals.
+    pub(crate) precision: Precision,
+    /// Whether vertices carry the number of the scan's vertex.
+    pub(crate) source_index: bool,
+}
+
+/// How normals are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Precision {
+    /// As floats.
+    Full,
+    /// As bytes (KHR_mesh_quantization), off by at most a third of a degree.
+    Compact,
 }
 
 impl Content<'_> {
@@ -47,24 +63,28 @@ impl Content<'_> {
         let mut buffer = Buffer::default();
         let looks = Looks::of(self.scan, self.geometry, &mut buffer, notes);
         let primitives = self.primitives(&mut buffer);
-        let bind = buffer.view(float_rows(self.skin.pivots.iter().map(inverse_bind)), Target::Other);
-        let bind = buffer.accessor(bind, 0, component::F32, self.skin.nodes(), "MAT4", json!({}));
         let animation = self.animation(&mut buffer);
-        let mesh_node = ROOT + self.skin.nodes();
+        let meshes = self.meshes(primitives);
         let mut document = json!({
             "asset": { "version": "2.0", "generator": concat!("retarget ", env!("CARGO_PKG_VERSION")) },
             "scene": 0,
-            "scenes": [{ "nodes": [RIG, mesh_node] }],
+            "scenes": [{ "nodes": if self.is_skinned() { vec![RIG, self.mesh_node()] } else { vec![RIG] } }],
             "nodes": self.nodes(),
-            "meshes": [{ "name": self.name, "primitives": primitives }],
-            "skins": [{
-                "inverseBindMatrices": bind,
-                "skeleton": ROOT,
-                "joints": (ROOT..mesh_node).collect::<Vec<_>>(),
-            }],
+            "meshes": meshes,
             "animations": [animation],
             "materials": looks.materials,
         });
+        if self.is_skinned() {
+            let pivots = &self.encoded.skin.pivots;
+            let bind = buffer.view(float_rows(pivots.iter().map(inverse_bind)), Target::Other);
+            let bind = buffer.accessor(bind, 0, component::F32, pivots.len(), "MAT4", json!({}));
+            let joints = (ROOT..self.mesh_node()).collect::<Vec<_>>();
+            document["skins"] = json!([{ "inverseBindMatrices": bind, "skeleton": ROOT, "joints": joints }]);
+        }
+        if self.precision == Precision::Compact {
+            document["extensionsUsed"] = json!(["KHR_mesh_quantization"]);
+            document["extensionsRequired"] = json!(["KHR_mesh_quantization"]);
+        }
         if !looks.images.is_empty() {
             document["images"] = Value::Array(looks.images);
             document["textures"] = Value::Array(looks.textures);
@@ -72,73 +92,153 @@ impl Content<'_> {
         (document, buffer)
     }
 
+    fn is_skinned(&self) -> bool {
+        self.encoded.skin.nodes() > 1 && self.encoded.parts.is_none()
+    }
+
+    /// One mesh, or one per rigid part.
+    fn meshes(&self, primitives: Vec<Value>) -> Vec<Value> {
+        if self.encoded.parts.is_none() {
+            let mut mesh = json!({ "name": self.name, "primitives": primitives });
+            let targets = &self.encoded.morphs.targets;
+            if !targets.is_empty() {
+                mesh["weights"] = json!(vec![0; targets.len()]);
+                mesh["extras"] = json!({ "targetNames": morphs::names(&self.encoded.morphs) });
+            }
+            return vec![mesh];
+        }
+        let of_part = |k: usize| -> Vec<&Value> {
+            let pairs = self.geometry.primitives.iter().zip(&primitives);
+            pairs.filter(|(p, _)| usize::from(p.part) + 1 == k).map(|(_, value)| value).collect()
+        };
+        (1..self.encoded.skin.nodes()).map(|k| json!({ "name": self.joint_names[k], "primitives": of_part(k) })).collect()
+    }
+
+    /// Index of the node of the mesh: after the joints.
+    fn mesh_node(&self) -> usize {
+        ROOT + self.encoded.skin.nodes()
+    }
+
     fn nodes(&self) -> Vec<Value> {
-        let joints = self.skin.nodes();
+        let skin = &self.encoded.skin;
         let mut rig = json!({ "name": "rig", "children": [ROOT] });
         if self.offset != DVec3::ZERO {
             rig["translation"] = json!(self.offset.to_array());
         }
         let mut nodes = vec![rig];
-        for (k, translation) in self.skin.rest_translations.iter().enumerate() {
+        for (k, translation) in skin.rest_translations.iter().enumerate() {
             let mut node = json!({ "name": self.joint_names[k], "translation": numbers(translation) });
-            if k == 0 && joints > 1 {
-                node["children"] = json!((ROOT + 1..ROOT + joints).collect::<Vec<_>>());
+            if let (Some(_), Some(mesh)) = (&self.encoded.parts, k.checked_sub(1)) {
+                node["mesh"] = json!(mesh);
+            }
+            if k == 0 {
+                let first = if self.is_skinned() || self.encoded.parts.is_some() {
+                    ROOT + 1..self.mesh_node()
+                } else {
+                    self.mesh_node()..self.mesh_node() + 1
+                };
+                node["children"] = json!(first.collect::<Vec<_>>());
             }
             nodes.push(node);
         }
-        // Outside the tree of joints, at the top: a player ignores the place of a skinned mesh.
-        nodes.push(json!({ "name": self.name, "mesh": 0, "skin": 0 }));
+        if self.encoded.parts.is_some() {
+            return nodes;
+        }
+        let mut mesh = json!({ "name": self.name, "mesh": 0 });
+        if self.is_skinned() {
+            // Outside the tree of joints, at the top: a player ignores the place of a skinned mesh.
+            mesh["skin"] = json!(0);
+        } else {
+            mesh["translation"] = numbers(&skin.pivots[0].map(|x| 0.0 - x));
+        }
+        nodes.push(mesh);
         nodes
     }
 
     fn primitives(&self, buffer: &mut Buffer) -> Vec<Value> {
-        let of = |g: &u32| self.places[*g as usize] as usize;
         let vertices = &self.geometry.vertices;
-        let position = |g: &u32| self.rest[of(g)];
-        let positions = buffer.view(float_rows(vertices.iter().map(position)), Target::Attributes(12));
-        let normals = self.geometry.normals.iter().map(|&n| unit(self.normals[n as usize]));
-        let normals = buffer.view(float_rows(normals), Target::Attributes(12));
-        let weights = vertices.iter().flat_map(|g| self.skin.weights[of(g)]).flat_map(u16::to_le_bytes).collect();
-        let weights = buffer.view(weights, Target::Attributes(8));
-        let joints = vertices.iter().flat_map(|g| self.skin.joints[of(g)]);
-        let wide = self.skin.nodes() > 256;
-        let (joints, joint_type, joint_size) = if wide {
-            (joints.flat_map(u16::to_le_bytes).collect(), component::U16, 8)
-        } else {
-            (joints.map(|j| j as u8).collect(), component::U8, 4)
-        };
-        let joints = buffer.view(joints, Target::Attributes(joint_size));
+        let positions: Vec<[f32; 3]> = self.geometry.primitives.iter().flat_map(|p| self.positions(p)).collect();
+        let mut streams = vec![
+            Stream::new("POSITION", component::F32, "VEC3", 12, float_rows(positions.iter().copied()), buffer),
+            self.normals(buffer),
+        ];
+        if self.is_skinned() {
+            streams.extend(self.hooks(buffer));
+        }
+        if !self.scan.look.colors.is_empty() {
+            let colors = &self.scan.look.colors;
+            let rows = vertices.iter().flat_map(|&g| linear_color(colors[g as usize])).flat_map(u16::to_le_bytes);
+            streams.push(Stream::new("COLOR_0", component::U16, "VEC4", 8, rows.collect(), buffer).normalized());
+        }
+        if self.source_index {
+            let numbers = float_rows(vertices.iter().map(|&g| [g as f32]));
+            streams.push(Stream::new("_SOURCE_INDEX", component::F32, "SCALAR", 4, numbers, buffer));
+        }
         let textured = self.geometry.primitives.iter().any(|p| p.textured);
-        let uvs = textured.then(|| buffer.view(float_rows(self.geometry.uvs.iter().copied()), Target::Attributes(8)));
-        let colors = &self.scan.look.colors;
-        let colors = (!colors.is_empty()).then(|| {
-            let rows = vertices.iter().flat_map(|&g| linear_color(colors[g as usize]));
-            buffer.view(rows.flat_map(u16::to_le_bytes).collect(), Target::Attributes(8))
-        });
+        let uvs = float_rows(self.geometry.uvs.iter().copied());
+        let uvs = textured.then(|| Stream::new("TEXCOORD_0", component::F32, "VEC2", 8, uvs, buffer));
         let indices: Vec<(usize, u32, usize)> = self.geometry.primitives.iter().map(|p| self.index_view(p, buffer)).collect();
         let mut values = Vec::new();
         for (k, p) in self.geometry.primitives.iter().enumerate() {
-            let (first, count) = (p.vertices.start, p.vertices.len());
-            let mut add = |view: usize, size: usize, component: u32, kind: &str, more: Value| {
-                buffer.accessor(view, first * size, component, count, kind, more)
-            };
-            let mut attributes = json!({
-                "POSITION": add(positions, 12, component::F32, "VEC3", bounds(vertices[p.vertices.clone()].iter().map(position))),
-                "NORMAL": add(normals, 12, component::F32, "VEC3", json!({})),
-                "JOINTS_0": add(joints, joint_size, joint_type, "VEC4", json!({})),
-                "WEIGHTS_0": add(weights, 8, component::U16, "VEC4", json!({ "normalized": true })),
-            });
-            if let Some(uvs) = uvs.filter(|_| p.textured) {
-                attributes["TEXCOORD_0"] = json!(add(uvs, 8, component::F32, "VEC2", json!({})));
-            }
-            if let Some(colors) = colors {
-                attributes["COLOR_0"] = json!(add(colors, 8, component::U16, "VEC4", json!({ "normalized": true })));
+            let mut attributes = json!({});
+            for stream in streams.iter().chain(uvs.iter().filter(|_| p.textured)) {
+                let more = match stream.name {
+                    "POSITION" => bounds(positions[p.vertices.clone()].iter().copied()),
+                    _ if stream.normalized => json!({ "normalized": true }),
+                    _ => json!({}),
+                };
+                let offset = p.vertices.start * stream.size;
+                attributes[stream.name] =
+                    json!(buffer.accessor(stream.view, offset, stream.component, p.vertices.len(), stream.kind, more));
             }
             let (view, component, count) = indices[k];
             let indices = buffer.accessor(view, 0, component, count, "SCALAR", json!({}));
-            values.push(json!({ "attributes": attributes, "indices": indices, "material": k, "mode": 4 }));
+            let mut value = json!({ "attributes": attributes, "indices": indices, "material": k, "mode": 4 });
+            if !self.encoded.morphs.targets.is_empty() {
+                value["targets"] = json!(morphs::targets(&self.encoded.morphs, self.geometry, p, self.places, buffer));
+            }
+            values.push(value);
         }
         values
+    }
+
+    /// Where the vertices of a primitive are at rest: in the file, or from the pivot of their rigid part.
+    fn positions(&self, primitive: &Primitive) -> impl Iterator<Item = [f32; 3]> {
+        let part = self.encoded.parts.as_ref().map(|_| usize::from(primitive.part) + 1);
+        let pivot = part.map_or([0.0; 3], |k| self.encoded.skin.pivots[k].map(f64::from));
+        let of = |&g: &u32| self.encoded.rest[self.places[g as usize] as usize];
+        let from = move |p: [f32; 3]| std::array::from_fn(|k| (f64::from(p[k]) - pivot[k]) as f32);
+        self.geometry.vertices[primitive.vertices.clone()].iter().map(of).map(from)
+    }
+
+    fn normals(&self, buffer: &mut Buffer) -> Stream {
+        let normals = self.geometry.normals.iter().map(|&n| unit(self.normals[n as usize]));
+        match self.precision {
+            Precision::Full => Stream::new("NORMAL", component::F32, "VEC3", 12, float_rows(normals), buffer),
+            Precision::Compact => {
+                // The fourth byte is padding.
+                let bytes = normals.flat_map(|[x, y, z]| [x, y, z, 0.0].map(|c| (c * 127.0).round() as i8 as u8));
+                Stream::new("NORMAL", component::I8, "VEC3", 4, bytes.collect(), buffer).normalized()
+            }
+        }
+    }
+
+    /// Joints and weights.
+    fn hooks(&self, buffer: &mut Buffer) -> [Stream; 2] {
+        let skin = &self.encoded.skin;
+        let of = |g: &u32| self.places[*g as usize] as usize;
+        let rows = |values: &[[u16; 4]], narrow: bool| -> Vec<u8> {
+            let values = self.geometry.vertices.iter().flat_map(|g| values[of(g)]);
+            if narrow { values.map(|x| x as u8).collect() } else { values.flat_map(u16::to_le_bytes).collect() }
+        };
+        let width = |narrow: bool| if narrow { (component::U8, 4) } else { (component::U16, 8) };
+        let few = skin.nodes() <= 256;
+        let (kind, size) = width(few);
+        let joints = Stream::new("JOINTS_0", kind, "VEC4", size, rows(&skin.joints, few), buffer);
+        let coarse = skin.levels == 255;
+        let (kind, size) = width(coarse);
+        let weights = Stream::new("WEIGHTS_0", kind, "VEC4", size, rows(&skin.weights, coarse), buffer);
+        [joints, weights.normalized()]
     }
 
     fn index_view(&self, primitive: &Primitive, buffer: &mut Buffer) -> (usize, u32, usize) {
@@ -155,7 +255,7 @@ impl Content<'_> {
 
     /// A part of all keys, node by node.
     fn keys(&self, part: fn(&Key, &mut Vec<u8>)) -> Pieces {
-        let keys = self.skin.keys.clone();
+        let keys = self.encoded.skin.keys.clone();
         Box::new((0..keys.columns()).map(move |k| {
             let mut bytes = Vec::new();
             keys.column(k)?.iter().for_each(|key| part(key, &mut bytes));
@@ -165,7 +265,7 @@ impl Content<'_> {
 
     /// One key per frame and node, from time 0.
     fn animation(&self, buffer: &mut Buffer) -> Value {
-        let (nodes, frames) = (self.skin.nodes(), self.skin.frames());
+        let (nodes, frames) = (self.encoded.skin.nodes(), self.encoded.skin.frames());
         let times: Vec<[f32; 1]> = (0..frames).map(|f| [(f as f64 / self.rate) as f32]).collect();
         let view = buffer.view(float_rows(times.iter().copied()), Target::Other);
         let input = buffer.accessor(view, 0, component::F32, frames, "SCALAR", bounds(times.iter().copied()));
@@ -184,7 +284,36 @@ impl Content<'_> {
                 samplers.push(json!({ "input": input, "output": output, "interpolation": "LINEAR" }));
             }
         }
+        let targets = self.encoded.morphs.targets.len();
+        if targets > 0 {
+            let view = buffer.pieces(morphs::weights(&self.encoded.morphs), frames * targets * 4);
+            let output = buffer.accessor(view, 0, component::F32, frames * targets, "SCALAR", json!({}));
+            channels.push(json!({ "sampler": samplers.len(), "target": { "node": self.mesh_node(), "path": "weights" } }));
+            samplers.push(json!({ "input": input, "output": output, "interpolation": "LINEAR" }));
+        }
         json!({ "name": self.animation, "samplers": samplers, "channels": channels })
+    }
+}
+
+/// One attribute of all vertices.
+struct Stream {
+    name: &'static str,
+    view: usize,
+    component: u32,
+    kind: &'static str,
+    /// Bytes of a vertex.
+    size: usize,
+    normalized: bool,
+}
+
+impl Stream {
+    fn new(name: &'static str, component: u32, kind: &'static str, size: usize, bytes: Vec<u8>, buffer: &mut Buffer) -> Self {
+        Self { name, view: buffer.view(bytes, Target::Attributes(size)), component, kind, size, normalized: false }
+    }
+
+    /// Integers that stand for −1 to 1 or 0 to 1.
+    fn normalized(self) -> Self {
+        Self { normalized: true, ..self }
     }
 }
 

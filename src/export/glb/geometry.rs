@@ -4,11 +4,13 @@ use crate::scan::{NONE, Scan, Triangles};
 use crate::surface::NormalVertices;
 use std::ops::Range;
 
-/// Triangles of one material.
+/// Triangles of one material, and of one rigid part where there are any.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Primitive {
     /// Index of the scan's material, or [`NONE`].
     pub(crate) material: u32,
+    /// Index of the rigid part; 0 without parts.
+    pub(crate) part: u16,
     /// Its glTF vertices.
     pub(crate) vertices: Range<usize>,
     /// Its indices, which count from the first of its vertices.
@@ -53,15 +55,21 @@ struct Copy {
 impl Geometry {
     /// Splits the scan's vertices.
     pub(crate) fn of(scan: &Scan, normals: &NormalVertices) -> Self {
+        Self::of_parts(scan, normals, |_| 0)
+    }
+
+    /// The same, part by part; `part` tells that of a scan vertex.
+    pub(crate) fn of_parts(scan: &Scan, normals: &NormalVertices, part: impl Fn(u32) -> u16) -> Self {
         let Triangles { corners: triangles, faces } = scan.mesh.triangulate();
         let look = &scan.look;
         let material = |face: u32| look.face_materials.get(face as usize).copied().unwrap_or(NONE);
         let mut order: Vec<u32> = (0..triangles.len() as u32).collect();
-        order.sort_by_key(|&t| material(faces[t as usize]));
+        let sort = |&t: &u32| (part(scan.mesh.faces.corners[triangles[t as usize][0] as usize]), material(faces[t as usize]));
+        order.sort_by_key(sort);
         let key = |corner: usize| Key { normal: normals.corners[corner], uv: uv_bits(scan, corner) };
         let mut geometry = Self::default();
         let mut heads = vec![NONE; scan.mesh.positions.len()];
-        for group in order.chunk_by(|&a, &b| material(faces[a as usize]) == material(faces[b as usize])) {
+        for group in order.chunk_by(|a, b| sort(a) == sort(b)) {
             let mut copies: Vec<Copy> = Vec::new();
             let corners = group.iter().flat_map(|&t| triangles[t as usize]).map(|c| c as usize);
             let found: Vec<u32> =
@@ -69,12 +77,12 @@ impl Geometry {
             for copy in &copies {
                 heads[copy.vertex as usize] = NONE;
             }
-            geometry.append(material(faces[group[0] as usize]), &copies, &found);
+            geometry.append(sort(&group[0]), &copies, &found);
         }
         geometry
     }
 
-    fn append(&mut self, material: u32, copies: &[Copy], found: &[u32]) {
+    fn append(&mut self, (part, material): (u16, u32), copies: &[Copy], found: &[u32]) {
         let mut order: Vec<u32> = (0..copies.len() as u32).collect();
         order.sort_by_key(|&c| (!copies[c as usize].first, copies[c as usize].vertex, c));
         let mut place = vec![0u32; copies.len()];
@@ -91,10 +99,44 @@ impl Geometry {
         self.indices.extend(found.iter().map(|&c| place[c as usize]));
         self.primitives.push(Primitive {
             material,
+            part,
             vertices: vertex_start..self.vertices.len(),
             indices: index_start..self.indices.len(),
             textured,
         });
+    }
+
+    /// Pieces of the surface that do not touch each other, the largest first, as places among [`Self::scan_vertices`].
+    pub(crate) fn pieces(&self, vertices: &[u32], places: &[u32]) -> Vec<Vec<u32>> {
+        let mut parent: Vec<u32> = (0..vertices.len() as u32).collect();
+        fn root(parent: &mut [u32], mut v: u32) -> u32 {
+            while parent[v as usize] != v {
+                parent[v as usize] = parent[parent[v as usize] as usize];
+                v = parent[v as usize];
+            }
+            v
+        }
+        for primitive in &self.primitives {
+            for triangle in self.indices[primitive.indices.clone()].chunks_exact(3) {
+                let place = |k: usize| places[self.vertices[primitive.vertices.start + triangle[k] as usize] as usize];
+                for k in 1..3 {
+                    let (a, b) = (root(&mut parent, place(0)), root(&mut parent, place(k)));
+                    parent[a.max(b) as usize] = a.min(b);
+                }
+            }
+        }
+        let mut pieces: Vec<Vec<u32>> = Vec::new();
+        let mut of_root = vec![NONE; vertices.len()];
+        for v in 0..vertices.len() as u32 {
+            let root = root(&mut parent, v) as usize;
+            if of_root[root] == NONE {
+                of_root[root] = pieces.len() as u32;
+                pieces.push(Vec::new());
+            }
+            pieces[of_root[root] as usize].push(v);
+        }
+        pieces.sort_by_key(|piece| std::cmp::Reverse(piece.len()));
+        pieces
     }
 
     /// Scan vertices that are in the file, ascending.

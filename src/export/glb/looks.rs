@@ -66,8 +66,8 @@ impl Looks {
     }
 }
 
-/// Bytes of an image with its type, if glTF can hold it.
-fn load(image: &Image) -> Result<(Vec<u8>, &'static str), String> {
+/// Bytes of an image with its type, if it is of one that glTF and USD packages hold.
+pub(crate) fn load(image: &Image) -> Result<(Vec<u8>, &'static str), String> {
     let bytes = image.read().map_err(|e| e.to_string())?;
     let mime = match bytes.as_slice() {
         [0x89, b'P', b'N', b'G', 0x0D, 0x0A, 0x1A, 0x0A, ..] => "image/png",

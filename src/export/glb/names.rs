@@ -1,6 +1,7 @@
-//! Names of joints.
+//! Names of joints and of rigid parts.
 
 use crate::export::encode::Encoded;
+use crate::scan::{NONE, Scan};
 use glam::DVec3;
 use std::collections::BTreeSet;
 
@@ -23,12 +24,36 @@ pub(crate) fn joint_names(encoded: &Encoded, proxy_rest: &[DVec3], places: &[(St
         });
         let part = heaviest.map_or("joint", |p| places[p].0.as_str());
         let part = if part.is_empty() { "joint" } else { part };
-        let name = (1..).map(|n| format!("{part}_{n:02}")).find(|name| !taken.contains(name));
-        let name = name.expect("the numbers never end");
-        taken.insert(name.clone());
-        names.push(name);
+        names.push(numbered(part, &mut taken));
     }
     names
+}
+
+/// `root`, then the name of each part's first group, or `part_<nn>`; all different. `part` tells that of a scan vertex.
+pub(crate) fn part_names(scan: &Scan, parts: usize, part: impl Fn(u32) -> u16) -> Vec<String> {
+    let mut of_part = vec![None; parts];
+    for (face, corners) in scan.mesh.faces.iter().enumerate() {
+        let group = scan.look.face_groups.get(face).filter(|g| **g != NONE).and_then(|&g| scan.look.groups.get(g as usize));
+        let name = group.and_then(|g| g.group.as_ref().or(g.object.as_ref())).filter(|n| !n.is_empty());
+        if let (Some(name), Some(&v)) = (name, corners.first().filter(|_| corners.len() > 2)) {
+            of_part[part(v) as usize].get_or_insert(name);
+        }
+    }
+    let mut taken = BTreeSet::from(["root".to_owned(), "rig".to_owned()]);
+    let mut names = vec!["root".to_owned()];
+    for name in of_part {
+        names.push(match name {
+            Some(name) if taken.insert(name.clone()) => name.clone(),
+            name => numbered(name.map_or("part", |n| n), &mut taken),
+        });
+    }
+    names
+}
+
+/// `<stem>_<nn>` with the first number that is free.
+fn numbered(stem: &str, taken: &mut BTreeSet<String>) -> String {
+    let free = (1..).map(|n| format!("{stem}_{n:02}")).find(|name| taken.insert(name.clone()));
+    free.expect("the numbers never end")
 }
 
 fn nearest(point: DVec3, places: &[(String, DVec3)]) -> Option<usize> {

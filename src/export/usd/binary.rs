@@ -186,6 +186,11 @@ impl Crate {
         Ok(place)
     }
 
+    /// The file, for what wraps it up.
+    pub(super) fn file_mut(&mut self) -> &mut std::fs::File {
+        self.file.file_mut()
+    }
+
     fn array<const N: usize>(&mut self, of: u64, values: &[[f32; N]]) -> Result<Rep> {
         let mut buffer = std::mem::take(&mut self.buffer);
         bytes(values, f32::to_le_bytes, &mut buffer);

@@ -3,23 +3,57 @@
 use super::stage::{Content, Prim, Property, Value};
 use crate::error::Notes;
 use crate::export::files::relative;
+use crate::export::glb::load_image;
 use crate::export::parts::Part;
 use crate::scan::{Image, Material, Scan};
 use std::path::Path;
 
-/// The scope with the materials that faces have. `folder`: of the file, from which textures are named.
-pub(super) fn scope(scan: &Scan, materials: &[(String, Part)], folder: &Path, notes: &mut Notes) -> Option<Prim> {
+/// Where textures are.
+#[derive(Debug)]
+pub(super) enum Textures<'a> {
+    /// In files of their own, named from the folder of the stage's.
+    Beside(&'a Path),
+    /// In the package: name and bytes, and the images that they are of.
+    Inside(Vec<(String, Vec<u8>)>, Vec<Image>),
+}
+
+impl Textures<'_> {
+    /// The path of an image in the stage.
+    fn path(&mut self, image: &Image, notes: &mut Notes) -> Option<String> {
+        match (self, image) {
+            (Self::Beside(folder), Image::File(path)) => Some(anchored(relative(folder, path))),
+            (Self::Beside(_), Image::Embedded { name, .. }) => {
+                notes.warn(format!("USD: texture '{name}' left out: it is held by the scan's own file, not by one of its own"));
+                None
+            }
+            (Self::Inside(files, images), image) => {
+                if let Some(known) = images.iter().position(|i| i == image) {
+                    return Some(format!("./{}", files[known].0));
+                }
+                match load_image(image) {
+                    Ok((bytes, mime)) => {
+                        let ending = if mime == "image/png" { "png" } else { "jpg" };
+                        files.push((format!("textures/{}.{ending}", files.len() + 1), bytes));
+                        images.push(image.clone());
+                        files.last().map(|(name, _)| format!("./{name}"))
+                    }
+                    Err(reason) => {
+                        notes.warn(format!("{}: texture left out: {reason}", image.name()));
+                        None
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The scope with the materials that faces have.
+pub(super) fn scope(scan: &Scan, materials: &[(String, Part)], textures: &mut Textures<'_>, notes: &mut Notes) -> Option<Prim> {
     let textured = !scan.look.corner_uvs.is_empty();
     let mut children = Vec::new();
     for (identifier, part) in materials {
         let material = &scan.look.materials[part.index];
-        let mut texture = |image: &Option<Image>| match image.as_ref().filter(|_| textured)? {
-            Image::File(path) => Some(anchored(relative(folder, path))),
-            Image::Embedded { name, .. } => {
-                notes.warn(format!("USD: texture '{name}' left out: it is held by the scan's own file, not by one of its own"));
-                None
-            }
-        };
+        let mut texture = |image: &Option<Image>| textures.path(image.as_ref().filter(|_| textured)?, notes);
         let (base, bumps) = (texture(&material.base_color_texture), texture(&material.normal_texture));
         children.push(prim(identifier, material, base, bumps));
     }

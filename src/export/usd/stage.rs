@@ -1,6 +1,6 @@
 //! The stage as a tree of prims: one mesh with its materials, before it is text or a crate.
 
-use super::material;
+use super::material::{self, Textures};
 use crate::error::Notes;
 use crate::export::Header;
 use crate::export::glb::{is_solid, linear};
@@ -8,7 +8,6 @@ use crate::export::parts::{self, Identifiers, Part};
 use crate::scan::Scan;
 use crate::space::Axis;
 use crate::surface::NormalVertices;
-use std::path::Path;
 
 /// A value that is written once.
 #[derive(Clone, Debug, PartialEq)]
@@ -112,12 +111,12 @@ pub(super) struct Layer {
     pub(super) root: Prim,
 }
 
-/// The stage of a scan; `folder`: of the file, from which textures are named.
-pub(super) fn layer(header: &Header, normals: &NormalVertices, folder: &Path, notes: &mut Notes) -> Layer {
+/// The stage of a scan.
+pub(super) fn layer(header: &Header, normals: &NormalVertices, textures: &mut Textures<'_>, notes: &mut Notes) -> Layer {
     let scan = &*header.scan;
     let mut identifiers = Identifiers::default();
     let materials: Vec<(String, Part)> = parts::materials(scan).into_iter().map(|m| (identifiers.of(&m.name), m)).collect();
-    let mut children: Vec<Prim> = material::scope(scan, &materials, folder, notes).into_iter().collect();
+    let mut children: Vec<Prim> = material::scope(scan, &materials, textures, notes).into_iter().collect();
     children.push(mesh(scan, normals, &materials, &mut identifiers));
     let root = Prim { name: "scan".to_owned(), kind: "Xform", children, ..Prim::default() };
     Layer { metadata: metadata(header, notes), root }
