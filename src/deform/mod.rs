@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::linalg::SparseRow;
 use glam::{DQuat, DVec3};
 
+pub mod shells;
 pub mod volumetric;
 
 /// A point of the body that targets pull.
