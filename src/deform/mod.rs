@@ -120,4 +120,9 @@ pub trait Deformer: Send {
 
     /// Points of the proxy after the last frame, in the unit box.
     fn pose(&self) -> &[DVec3];
+
+    /// Weights of the examples after the last frame; none where there are no examples.
+    fn weights(&self) -> &[f64] {
+        &[]
+    }
 }

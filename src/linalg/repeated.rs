@@ -25,7 +25,10 @@ pub struct RepeatedCholesky {
 
 impl std::fmt::Debug for RepeatedCholesky {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("RepeatedCholesky").field("size", &self.size()).field("entries", &self.values.len()).finish_non_exhaustive()
+        f.debug_struct("RepeatedCholesky")
+            .field("size", &self.size())
+            .field("entries", &self.values.len())
+            .finish_non_exhaustive()
     }
 }
 

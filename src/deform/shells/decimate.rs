@@ -230,7 +230,10 @@ struct Quadric([f64; 10]);
 impl Quadric {
     fn plane(n: DVec3, on: DVec3, weight: f64) -> Self {
         let d = -n.dot(on);
-        Self([n.x * n.x, n.x * n.y, n.x * n.z, n.y * n.y, n.y * n.z, n.z * n.z, n.x * d, n.y * d, n.z * d, d * d].map(|q| weight * q))
+        Self(
+            [n.x * n.x, n.x * n.y, n.x * n.z, n.y * n.y, n.y * n.z, n.z * n.z, n.x * d, n.y * d, n.z * d, d * d]
+                .map(|q| weight * q),
+        )
     }
 
     fn add(&mut self, other: &Self) {

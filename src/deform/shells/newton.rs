@@ -146,7 +146,8 @@ impl Newton {
             weights.iter_mut().for_each(|w| *w = w.clamp(bounds.least, bounds.most));
         }
         self.lead(x, goals);
-        let mut result = Minimum { terms: self.energy(x, weights, goals.weights, settings), stop: Stop::Cap, ..Minimum::default() };
+        let mut result =
+            Minimum { terms: self.energy(x, weights, goals.weights, settings), stop: Stop::Cap, ..Minimum::default() };
         let leads = self.offsets.iter().any(|o| !o.is_empty());
         while result.steps < settings.steps {
             if leads && result.steps > 0 {
@@ -268,6 +269,23 @@ impl Newton {
             }
         };
         [stretch, bend, swell, pull, drawn].map(|twice| 0.5 * twice)
+    }
+
+    /// Hinges that are farther than `limit` from their wanted angle, and the middle of the longest of them at rest.
+    pub fn inside_out(&mut self, x: &[DVec3], weights: &[f64], limit: f64) -> (u32, Option<DVec3>) {
+        let shell = &self.shell;
+        shell.wanted(weights, &mut self.wanted_lengths, &mut self.wanted_angles);
+        let (mut count, mut longest) = (0, None::<(f64, DVec3)>);
+        for ((hinge, wanted), w) in shell.topology.hinges.iter().zip(&self.wanted_angles).zip(&shell.bend) {
+            if *w > 0.0 && (dihedral(x, *hinge) - wanted).abs() > limit {
+                count += 1;
+                let [a, b] = [hinge[0], hinge[1]].map(|v| shell.rest[v as usize]);
+                if longest.is_none_or(|(length, _)| a.distance(b) > length) {
+                    longest = Some((a.distance(b), (a + b) * 0.5));
+                }
+            }
+        }
+        (count, longest.map(|(_, place)| place))
     }
 
     /// Residuals and their derivatives at a pose.

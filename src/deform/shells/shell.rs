@@ -90,11 +90,16 @@ impl Shell {
     ///
     /// # Errors
     /// Those of [`Topology::of`].
-    pub fn new(rest: &[DVec3], faces: &[[u32; 3]], examples: &[Vec<DVec3>], material: &Material, stiffness: &[f64]) -> Result<Self> {
-        let topology = Topology::of(rest.len(), faces)?;
-        let length_of = |x: &[DVec3]| -> Vec<f64> {
-            topology.edges.iter().map(|[a, b]| x[*a as usize].distance(x[*b as usize])).collect()
-        };
+    pub fn new(
+        rest: &[DVec3],
+        faces: &[[u32; 3]],
+        examples: &[Vec<DVec3>],
+        material: &Material,
+        stiffness: &[f64],
+    ) -> Result<Self> {
+        let topology = Topology::of(rest.len(), faces).map_err(|flaw| flaw.error(|v| v))?;
+        let length_of =
+            |x: &[DVec3]| -> Vec<f64> { topology.edges.iter().map(|[a, b]| x[*a as usize].distance(x[*b as usize])).collect() };
         let angles_of = |x: &[DVec3]| -> Vec<f64> { topology.hinges.iter().map(|h| dihedral(x, *h)).collect() };
         let (lengths, angles) = (length_of(rest), angles_of(rest));
         let median = median(&lengths);

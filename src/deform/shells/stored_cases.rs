@@ -75,14 +75,8 @@ fn distance(a: &[DVec3], b: &[DVec3]) -> f64 {
 
 const NO_GOALS: Goals<'_> = Goals { positions: &[], weights: &[] };
 
-const CONVERGED: Settings = Settings {
-    steps: 200,
-    decrease: 1e-13,
-    still: 0.0,
-    damping: 1e-9,
-    tension: Tension::WhenNeeded,
-    weights: Weights::Given,
-};
+const CONVERGED: Settings =
+    Settings { steps: 200, decrease: 1e-13, still: 0.0, damping: 1e-9, tension: Tension::WhenNeeded, weights: Weights::Given };
 
 /// A case without examples: its answer, and how far it is from the stored one, in diagonals and in energy.
 fn pure(name: &str) -> Option<(Newton, Vec<DVec3>, Minimum, f64, f64)> {
@@ -166,7 +160,12 @@ fn a_tube_winds_up_to_a_helix_as_stored() {
         let off = distance(&aligned(&x, stored), stored) / newton.shell.diagonal;
         let analytic: Vec<DVec3> = points(&case["analytic"])[i * n..(i + 1) * n].to_vec();
         let exact = distance(&aligned(&x, &analytic), &analytic) / newton.shell.diagonal;
-        eprintln!("helix {weight}: {} steps, E {:.8e}, {off:.1e} D off, {:.2} % from the exact helix", minimum.steps, minimum.energy(), 100.0 * exact);
+        eprintln!(
+            "helix {weight}: {} steps, E {:.8e}, {off:.1e} D off, {:.2} % from the exact helix",
+            minimum.steps,
+            minimum.energy(),
+            100.0 * exact
+        );
         if weight == 0.0 || weight == 1.0 {
             assert!(minimum.energy() < 1e-18 && off < 1e-9, "{weight}: {off:e}");
         } else {

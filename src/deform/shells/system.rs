@@ -132,7 +132,8 @@ impl System {
         let size = 3 * order.len();
         let columns = shell.examples.len();
         let analysed = RepeatedCholesky::analyse(starts, rows, columns + 2);
-        let cholesky = analysed.unwrap_or_else(|_| unreachable!("faer counts entries by 32 bits only for patterns beyond all meshes"));
+        let cholesky =
+            analysed.unwrap_or_else(|_| unreachable!("faer counts entries by 32 bits only for patterns beyond all meshes"));
         Self {
             places,
             hinge_orders,
@@ -228,7 +229,7 @@ impl System {
         let (forces, rest) = self.given.split_at_mut(size);
         let (volume, examples) = rest.split_at_mut(size);
         let places = &self.places;
-        let mut add = |to: &mut [f64], v: u32, by: DVec3| {
+        let add = |to: &mut [f64], v: u32, by: DVec3| {
             let place = places[v as usize];
             if place != NONE {
                 let to = &mut to[3 * place as usize..][..3];
@@ -237,7 +238,7 @@ impl System {
                 to[2] += by.z;
             }
         };
-        let mut transposed = |to: &mut [f64], sign: f64, stretch: &[f64], bend: &[f64]| {
+        let transposed = |to: &mut [f64], sign: f64, stretch: &[f64], bend: &[f64]| {
             for (([a, b], g), f) in shell.topology.edges.iter().zip(&at.edges).zip(stretch) {
                 let force = *g * (sign * f);
                 add(to, *b, force);

@@ -1,6 +1,6 @@
 //! Edges, hinges and holes of a triangle mesh.
 
-use crate::error::{Error, Result};
+use crate::error::Error;
 
 /// What two triangles share: edge x₁x₂, x₃ in the triangle left of it, x₄ in the one right of it.
 pub(super) type Hinge = [u32; 4];
@@ -20,6 +20,33 @@ pub(super) struct Topology {
     pub holes: Vec<Vec<u32>>,
 }
 
+/// Why triangles are no surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Flaw {
+    /// A triangle names a vertex twice.
+    Twice { triangle: usize, vertex: u32 },
+    /// The triangles at an edge are seen from different sides.
+    Turned([u32; 2]),
+    /// An edge has too many triangles.
+    Crowded([u32; 2], usize),
+}
+
+impl Flaw {
+    /// In the words of the user; `number`: what a vertex is called.
+    pub fn error(self, number: impl Fn(u32) -> u32) -> Error {
+        let edge = |[a, b]: [u32; 2]| format!("the edge between vertices {} and {}", number(a), number(b));
+        match self {
+            Self::Twice { triangle, vertex } => {
+                Error::refused(format!("triangle {} names vertex {} twice", triangle + 1, number(vertex)))
+            }
+            Self::Turned(ends) => Error::refused(format!("the triangles at {} are seen from different sides", edge(ends)))
+                .expected("triangles that are all seen counter-clockwise from outside"),
+            Self::Crowded(ends, count) => Error::refused(format!("{} has {count} triangles", edge(ends)))
+                .expected("at most two at each edge, as a surface has"),
+        }
+    }
+}
+
 /// No triangle.
 pub(super) const NONE: u32 = u32::MAX;
 
@@ -27,21 +54,22 @@ impl Topology {
     /// Finds the edges.
     ///
     /// # Errors
-    /// A triangle with a vertex twice, an edge with more than two triangles, or neighbours that are seen from different sides.
-    pub fn of(vertices: usize, faces: &[[u32; 3]]) -> Result<Self> {
+    /// The first flaw.
+    pub fn of(vertices: usize, faces: &[[u32; 3]]) -> Result<Self, Flaw> {
         // Lower and upper end, whether the half-edge rises, triangle, opposite vertex.
         let mut halves = Vec::with_capacity(3 * faces.len());
         for (t, face) in faces.iter().enumerate() {
             for k in 0..3 {
                 let (a, b, opposite) = (face[k], face[(k + 1) % 3], face[(k + 2) % 3]);
                 if a == b {
-                    return Err(Error::refused(format!("triangle {} names vertex {a} twice", t + 1)));
+                    return Err(Flaw::Twice { triangle: t, vertex: a });
                 }
                 halves.push((a.min(b), a.max(b), a > b, t as u32, opposite));
             }
         }
         halves.sort_unstable();
-        let mut result = Self { edges: Vec::new(), sides: Vec::new(), hinges: Vec::new(), hinge_edges: Vec::new(), holes: Vec::new() };
+        let mut result =
+            Self { edges: Vec::new(), sides: Vec::new(), hinges: Vec::new(), hinge_edges: Vec::new(), holes: Vec::new() };
         let mut rest = halves.as_slice();
         while let Some(&(a, b, falls, left, opposite)) = rest.first() {
             let count = rest.iter().take_while(|h| (h.0, h.1) == (a, b)).count();
@@ -56,14 +84,8 @@ impl Topology {
                     result.edges.push([a, b]);
                     result.sides.push([left, right]);
                 }
-                (2, _) => {
-                    return Err(Error::refused(format!("the triangles at edge {a}\u{2013}{b} are seen from different sides"))
-                        .expected("triangles that are all seen counter-clockwise from outside"));
-                }
-                _ => {
-                    return Err(Error::refused(format!("edge {a}\u{2013}{b} has {count} triangles"))
-                        .expected("at most two at each edge, as a surface has"));
-                }
+                (2, _) => return Err(Flaw::Turned([a, b])),
+                _ => return Err(Flaw::Crowded([a, b], count)),
             }
             rest = &rest[count..];
         }
@@ -115,9 +137,9 @@ mod tests {
 
     #[test]
     fn what_is_no_surface_is_refused_with_the_edge() {
-        let text = |faces: &[[u32; 3]]| Topology::of(5, faces).unwrap_err().to_string();
-        assert!(text(&[[0, 1, 2], [1, 0, 3], [0, 1, 4]]).contains("edge 0\u{2013}1 has 3 triangles"));
-        assert!(text(&[[0, 1, 2], [0, 1, 3]]).contains("edge 0\u{2013}1 are seen from different sides"));
-        assert!(text(&[[0, 1, 1]]).contains("names vertex 1 twice"));
+        let text = |faces: &[[u32; 3]]| Topology::of(5, faces).unwrap_err().error(|v| v + 10).to_string();
+        assert!(text(&[[0, 1, 2], [1, 0, 3], [0, 1, 4]]).contains("vertices 10 and 11 has 3 triangles"));
+        assert!(text(&[[0, 1, 2], [0, 1, 3]]).contains("vertices 10 and 11 are seen from different sides"));
+        assert!(text(&[[0, 1, 1]]).contains("names vertex 11 twice"));
     }
 }
