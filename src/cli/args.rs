@@ -1,5 +1,6 @@
 //! The arguments as typed: strings checked and turned into values, nothing opened yet.
 
+use super::shells::ShellArgs;
 use crate::binding;
 use crate::binding::select::{Hold, Selector, Stiffness};
 use crate::deform::volumetric::Options;
@@ -188,9 +189,9 @@ pub struct Animate {
     #[arg(long, hide_short_help = true, help_heading = "Placement")]
     pub accept_doubtful: bool,
 
-    /// Surface vertices of the tetrahedral proxy, 100 to 100000
-    #[arg(long, hide_short_help = true, value_name = "N", default_value_t = 3000, value_parser = clap::value_parser!(u32).range(100..=100_000), help_heading = "Proxy")]
-    pub proxy_vertices: u32,
+    /// Surface vertices of the proxy, 100 to 100000 (default: 3000, for shells 1000)
+    #[arg(long, hide_short_help = true, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=100_000), help_heading = "Proxy")]
+    pub proxy_vertices: Option<u32>,
     /// Use this tetrahedral mesh (MEDIT, in the scan's coordinates) as the proxy
     #[arg(long, hide_short_help = true, value_name = "FILE.mesh", help_heading = "Proxy")]
     pub proxy: Option<PathBuf>,
@@ -208,6 +209,9 @@ pub struct Animate {
     #[arg(long, value_name = "WHAT=X", help_heading = "Parts")]
     pub stiffness: Vec<Stiffness>,
 
+    /// The shell deformer and its examples.
+    #[command(flatten)]
+    pub shells: ShellArgs,
     /// How far each frame is solved
     #[arg(long, hide_short_help = true, value_enum, default_value_t = QualityArg::Default, help_heading = "Solve")]
     pub quality: QualityArg,

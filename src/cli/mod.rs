@@ -8,6 +8,7 @@ mod inspect;
 mod outputs;
 mod picture;
 mod rig;
+mod shells;
 
 use args::{Cli, Command};
 use clap::Parser;

@@ -25,6 +25,7 @@ mod laws;
 mod newton;
 mod pulls;
 mod quadratic;
+mod rows;
 mod shell;
 mod starts;
 #[cfg(test)]
@@ -35,6 +36,7 @@ mod topology;
 pub use body::Body;
 pub use interpolate::Interpolator;
 pub use quadratic::Bounds;
+pub use rows::SurfaceRows;
 pub use shell::Material;
 
 use super::{Deformer, ERROR_PER_STEP, FrameStats, Handle, OrientedHandle, Placement, Targets};
