@@ -175,7 +175,10 @@ impl Setup {
             console.station("parts", &regions.words());
         }
         let (map, deformer) = rayon::join(
-            || SurfaceMap::build_by_pieces(&proxy, &points, &scan.mesh.faces, args.map.into()),
+            || match &shell {
+                Some(body) => Ok(SurfaceMap::build_for_shell(body, &points, &scan.mesh.faces, &examples.poses)),
+                None => SurfaceMap::build_by_pieces(&proxy, &points, &scan.mesh.faces, args.map.into()),
+            },
             || deformer(args, &proxy, shell.as_ref(), &handles, &oriented, &regions),
         );
         let (map, (deformer, notes)) = (Arc::new(map?), deformer?);

@@ -1,5 +1,6 @@
 //! The arguments as typed: strings checked and turned into values, nothing opened yet.
 
+use super::blend::Blend;
 use super::shells::ShellArgs;
 use crate::binding;
 use crate::binding::select::{Hold, Selector, Stiffness};
@@ -34,6 +35,8 @@ pub struct Cli {
 pub enum Command {
     /// Say what is in scans, captures and outputs, without writing anything
     Inspect(Inspect),
+    /// Interpolate and exaggerate example poses of a mesh by weights
+    Blend(Blend),
 }
 
 /// Arguments of `retarget inspect`.

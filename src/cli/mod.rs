@@ -2,6 +2,7 @@
 
 mod animate;
 pub mod args;
+mod blend;
 mod console;
 mod decisions;
 mod inspect;
@@ -31,13 +32,13 @@ pub fn run() -> ExitCode {
             let result = inspect::run(inspect, &console);
             (console, result)
         }
+        (Some(Command::Blend(blend)), _) => {
+            let console = Console::new(level(blend.quiet, blend.verbose));
+            let result = blend::run(blend, &console);
+            (console, result)
+        }
         (None, Some(animate)) => {
-            let level = match (animate.quiet, animate.verbose) {
-                (true, _) => Level::Quiet,
-                (_, true) => Level::Verbose,
-                _ => Level::Normal,
-            };
-            let console = Console::new(level);
+            let console = Console::new(level(animate.quiet, animate.verbose));
             let result = animate::run(animate, &console);
             (console, result)
         }
@@ -49,5 +50,13 @@ pub fn run() -> ExitCode {
             console.error(&error);
             ExitCode::from(error.exit_code())
         }
+    }
+}
+
+fn level(quiet: bool, verbose: bool) -> Level {
+    match (quiet, verbose) {
+        (true, _) => Level::Quiet,
+        (_, true) => Level::Verbose,
+        _ => Level::Normal,
     }
 }

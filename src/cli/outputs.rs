@@ -16,14 +16,23 @@ const FORMATS: &str = "one of .glb, .abc, .usdc, .usda, .pc2, .mdd, .html (a pag
 /// [`Kind::Usage`] for an unknown format, an output given twice, or one that would replace an input; [`Kind::Unwritable`] for one that
 /// exists (without `--force`) or whose folder is missing.
 pub(super) fn sinks(args: &Animate) -> Result<Vec<Box<dyn FrameSink>>> {
-    let inputs: Vec<&PathBuf> =
-        [Some(&args.scan), Some(&args.capture), args.ref_file.as_ref(), args.proxy.as_ref(), args.rig.as_ref()]
-            .into_iter()
-            .flatten()
-            .collect();
+    let given = [Some(&args.scan), Some(&args.capture), args.ref_file.as_ref(), args.proxy.as_ref(), args.rig.as_ref()];
+    let inputs: Vec<&PathBuf> = given.into_iter().flatten().chain(&args.shells.examples).collect();
+    let others: Vec<&PathBuf> = args.report.iter().chain(&args.save_proxy).chain(&args.picture).chain(&args.save_rig).collect();
+    checked(&args.out, &others, &inputs, args.force, false)
+}
+
+/// The same for any outputs. `others`: files that are no animations; `single`: whether a file may hold one frame.
+pub(super) fn checked(
+    out: &[PathBuf],
+    others: &[&PathBuf],
+    inputs: &[&PathBuf],
+    force: bool,
+    single: bool,
+) -> Result<Vec<Box<dyn FrameSink>>> {
     let mut seen: Vec<PathBuf> = Vec::new();
     let mut sinks = Vec::new();
-    for path in args.out.iter().chain(&args.report).chain(&args.save_proxy).chain(&args.picture).chain(&args.save_rig) {
+    for path in out.iter().chain(others.iter().copied()) {
         let whole = absolute(path);
         if seen.iter().any(|other| *other == whole || same_frames(other, &whole)) {
             return Err(Error::new(Kind::Usage, "this output is named twice")
@@ -34,10 +43,10 @@ pub(super) fn sinks(args: &Animate) -> Result<Vec<Box<dyn FrameSink>>> {
             return Err(Error::new(Kind::Usage, "this output would replace an input").file(path).expected("another path"));
         }
         seen.push(whole);
-        if args.out.contains(path) {
-            sinks.push(sink(path)?);
+        if out.contains(path) {
+            sinks.push(sink(path, single)?);
         }
-        if !args.force && files::exists(path) {
+        if !force && files::exists(path) {
             return Err(Error::new(Kind::Unwritable, "exists already")
                 .file(path)
                 .expected("a path where nothing is")
@@ -81,7 +90,7 @@ fn same_frames(a: &Path, b: &Path) -> bool {
     parts(a).is_some_and(|a| parts(b) == Some(a))
 }
 
-fn sink(path: &Path) -> Result<Box<dyn FrameSink>> {
+fn sink(path: &Path, single: bool) -> Result<Box<dyn FrameSink>> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     match (extension.as_str(), is_sequence(path)) {
         ("glb", false) => Ok(Box::new(GlbSink::new(path))),
@@ -92,9 +101,9 @@ fn sink(path: &Path) -> Result<Box<dyn FrameSink>> {
         ("usda" | "usdc", false) => Ok(Box::new(Usd::new(path))),
         ("abc", false) => Ok(Box::new(Alembic::new(path))),
         ("mdd", false) => Ok(Box::new(Mdd::new(path))),
-        ("ply", true) => Ok(Box::new(PlyFrames::new(path))),
-        ("obj", true) => Ok(Box::new(ObjFrames::new(path))),
-        ("ply" | "obj", false) => {
+        ("ply", is_sequence) if is_sequence || single => Ok(Box::new(PlyFrames::new(path))),
+        ("obj", is_sequence) if is_sequence || single => Ok(Box::new(ObjFrames::new(path))),
+        ("ply" | "obj", _) => {
             let stem = path.file_stem().unwrap_or_default().to_string_lossy();
             let pattern = path.with_file_name(format!("{stem}_####.{extension}"));
             Err(Error::new(Kind::Usage, format!("one .{extension} file holds one frame"))

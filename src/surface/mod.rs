@@ -1,6 +1,7 @@
 //! Proxy pose → scan pose: the smooth local map, and normals.
 
 mod apply;
+mod fitted;
 mod normals;
 mod paper;
 mod pieces;

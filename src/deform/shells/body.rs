@@ -27,6 +27,8 @@ pub struct Body {
     pub examples: Vec<Vec<DVec3>>,
     /// The vertex that a vertex of the scan is; [`Body::NONE`] where it was merged into another, or is not part of the body.
     pub places: Vec<u32>,
+    /// The vertex into which a vertex of the scan was merged; [`Body::NONE`] where it is not part of the body.
+    pub roots: Vec<u32>,
     /// What was doubtful.
     pub notes: Notes,
 }
@@ -78,7 +80,12 @@ impl Body {
             kept[used.vertices[v as usize] as usize] = place;
         }
         let places = one.iter().map(|&v| kept[v as usize]).collect();
-        Ok(Self { proxy: proxy(of(&used.poses[0]), &coarse.faces), examples, places, notes })
+        let mut merged = vec![Self::NONE; points.len()];
+        for (&v, &root) in used.vertices.iter().zip(&coarse.roots) {
+            merged[v as usize] = root;
+        }
+        let roots = one.iter().map(|&v| merged[v as usize]).collect();
+        Ok(Self { proxy: proxy(of(&used.poses[0]), &coarse.faces), examples, places, roots, notes })
     }
 
     /// Number of vertices of the mesh.
@@ -97,10 +104,12 @@ impl Body {
         let mut next = 0..;
         let numbers: Vec<u32> =
             kept.iter().map(|kept| if *kept { next.next().unwrap_or(Self::NONE) } else { Self::NONE }).collect();
+        let renumbered = |all: &[u32]| all.iter().map(|&p| numbers.get(p as usize).copied().unwrap_or(Self::NONE)).collect();
         Self {
             proxy: self.proxy.with_components(keep),
             examples: self.examples.iter().map(of).collect(),
-            places: self.places.iter().map(|&p| numbers.get(p as usize).copied().unwrap_or(Self::NONE)).collect(),
+            places: renumbered(&self.places),
+            roots: renumbered(&self.roots),
             notes: self.notes.clone(),
         }
     }

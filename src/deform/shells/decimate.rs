@@ -22,11 +22,13 @@ const RIM: f64 = 10.0;
 /// Merges between two looks at whether the user wants it to end.
 const PATIENCE: usize = 1024;
 
-/// Which vertices stay, rising, and the triangles between them, numbered among those.
+/// Which vertices stay, rising, and what became of the mesh, in their numbering.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Coarse {
     pub vertices: Vec<u32>,
     pub faces: Vec<[u32; 3]>,
+    /// The vertex into which each vertex was merged.
+    pub roots: Vec<u32>,
 }
 
 /// Merges vertices until `target` are left, or none can be merged without a fold in some pose. Vertices of no triangle do not stay.
@@ -34,6 +36,9 @@ pub(super) struct Coarse {
 /// Shapes: each pose: n; `faces`: a surface (see [`super::topology::Topology`]).
 pub(super) fn decimate(poses: &[&[DVec3]], faces: &[[u32; 3]], target: usize, cancel: &dyn Fn() -> Result<()>) -> Result<Coarse> {
     let mut mesh = Mesh::new(poses, faces);
+    if mesh.alive <= target {
+        return Ok(mesh.coarse());
+    }
     let mut queue = BinaryHeap::new();
     for v in 0..mesh.around.len() as u32 {
         mesh.offer(v, &mut queue);
@@ -73,6 +78,7 @@ struct Mesh {
     around: Vec<Vec<u32>>,
     rim: Vec<bool>,
     stamps: Vec<u32>,
+    into: Vec<u32>,
     alive: usize,
 }
 
@@ -91,8 +97,16 @@ impl Mesh {
             })
             .collect();
         let alive = around.iter().filter(|a| !a.is_empty()).count();
-        let mut mesh =
-            Self { poses, quadrics: Vec::new(), faces: faces.to_vec(), around, rim: vec![false; n], stamps: vec![0; n], alive };
+        let mut mesh = Self {
+            poses,
+            quadrics: Vec::new(),
+            faces: faces.to_vec(),
+            around,
+            rim: vec![false; n],
+            stamps: vec![0; n],
+            into: (0..n as u32).collect(),
+            alive,
+        };
         let rims: Vec<(u32, u32, u32)> = (0..faces.len() as u32)
             .flat_map(|t| {
                 let face = faces[t as usize];
@@ -205,6 +219,7 @@ impl Mesh {
             let quadric = quadrics[from as usize];
             quadrics[into as usize].add(&quadric);
         }
+        self.into[from as usize] = into;
         self.alive -= 1;
     }
 
@@ -219,7 +234,13 @@ impl Mesh {
         living.sort_unstable();
         living.dedup();
         let faces = living.into_iter().map(|t| self.faces[t as usize].map(|v| places[v as usize])).collect();
-        Coarse { vertices, faces }
+        let root = |mut v: u32| {
+            while self.into[v as usize] != v {
+                v = self.into[v as usize];
+            }
+            places[v as usize]
+        };
+        Coarse { vertices, faces, roots: (0..self.into.len() as u32).map(root).collect() }
     }
 }
 

@@ -87,13 +87,21 @@ impl Interpolator {
         self.finish(Minimum { steps, ..minimum })
     }
 
-    /// At most so many steps from a pose that is near, for weights that are given: the last word of a finer mesh.
+    /// At most so many steps from a pose that is near, or from a known one where that resists less, for weights that are given: the last word of a finer mesh.
     ///
     /// # Errors
     /// [`Kind::Refused`] where the pose is not finite.
     pub fn refine(&mut self, weights: &[f64], near: &[DVec3], steps: u32) -> Result<FrameStats> {
-        self.x.copy_from_slice(near);
         self.weights.copy_from_slice(weights);
+        let mut least = self.newton.resisted(near, weights);
+        self.x.copy_from_slice(near);
+        for pose in &self.poses {
+            let energy = self.newton.resisted(pose, weights);
+            if energy < least {
+                least = energy;
+                self.x.copy_from_slice(pose);
+            }
+        }
         let settings = Settings { steps, ..SETTINGS };
         let minimum = self.newton.minimize(&mut self.x, &mut self.weights, &Goals::NONE, &settings);
         self.finish(minimum)

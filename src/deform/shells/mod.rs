@@ -3,7 +3,7 @@
 //! It minimises over positions x of a coarse mesh and weights α of its examples (Fröhlich & Botsch 2011, (1)–(8))
 //!
 //! ```text
-//! E(x, α) = λ Σ_e (l_e − l_e*)² / L_e² + μ Σ_e L_e² / A_e (θ_e − θ_e*)² + ν (v − v*)² / V² + η Σ_h w_h |c_h x − p_h|² / D² + ρ Σ_i d_i α_i²
+//! E(x, α) = λ Σ_e (l_e − l_e*)² / L_e² + μ Σ_e L_e² / A_e (θ_e − θ_e*)² + ν (v − v*)² / V² + η Σ_h w_h |c_h x − p_h|² / D² + ½ ρ Σ_i d_i α_i²
 //! ```
 //!
 //! with the lengths, dihedral angles and volume wanted (6) `l* = L + Σ α_i (l_i − L)` and so on: they do not change when an example is moved or turned,
@@ -26,6 +26,8 @@ mod newton;
 mod pulls;
 mod quadratic;
 mod rows;
+#[cfg(test)]
+mod shapes;
 mod shell;
 mod starts;
 #[cfg(test)]
@@ -169,7 +171,7 @@ impl Shells {
         let mut recovered = false;
         let mut minimum = if cold || self.is_cold || cut {
             self.starts.forget();
-            self.start()
+            self.begin()
         } else {
             self.newton.minimize(&mut self.x, &mut self.weights, &self.pulls.goals(), &self.settings)
         };
@@ -193,7 +195,7 @@ impl Shells {
     }
 
     /// Solves from the best of rest and examples.
-    fn start(&mut self) -> Minimum {
+    fn begin(&mut self) -> Minimum {
         let goals = self.pulls.goals();
         self.starts.best(&mut self.newton, &self.pulls, &goals, &self.settings, &mut self.x, &mut self.weights)
     }
@@ -201,7 +203,7 @@ impl Shells {
     /// Solves from rest and examples, and takes the best if it is better than what there is.
     fn restart(&mut self, found: Minimum) -> Minimum {
         let (x, weights) = (self.x.clone(), self.weights.clone());
-        let again = self.start();
+        let again = self.begin();
         if found.energy().is_finite() && found.energy() <= again.energy() {
             self.x = x;
             self.weights = weights;

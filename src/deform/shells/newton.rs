@@ -147,12 +147,12 @@ impl Newton {
         }
         self.lead(x, goals);
         let mut result =
-            Minimum { terms: self.energy(x, weights, goals.weights, settings), stop: Stop::Cap, ..Minimum::default() };
+            Minimum { terms: self.energy(x, weights, goals.weights, settings.weights), stop: Stop::Cap, ..Minimum::default() };
         let leads = self.offsets.iter().any(|o| !o.is_empty());
         while result.steps < settings.steps {
             if leads && result.steps > 0 {
                 self.lead(x, goals);
-                result.terms = self.energy(x, weights, goals.weights, settings);
+                result.terms = self.energy(x, weights, goals.weights, settings.weights);
             }
             self.linearize(x, weights);
             self.force(x, goals.weights);
@@ -223,7 +223,7 @@ impl Newton {
             for ((to, from), step) in reweighted.iter_mut().zip(weights).zip(&direction.weights) {
                 *to = from + share * step;
             }
-            let terms = self.energy(&moved, &reweighted, pull_weights, settings);
+            let terms = self.energy(&moved, &reweighted, pull_weights, settings.weights);
             self.trials[slot] = (moved, reweighted);
             if terms.iter().sum::<f64>() < before {
                 return Some((terms, share));
@@ -241,8 +241,13 @@ impl Newton {
         }
     }
 
+    /// Energy of the shell alone.
+    pub fn resisted(&mut self, x: &[DVec3], weights: &[f64]) -> f64 {
+        self.energy(x, weights, &[], Weights::Given).iter().sum()
+    }
+
     /// Energy of a pose by its terms.
-    fn energy(&mut self, x: &[DVec3], weights: &[f64], pull_weights: &[f64], settings: &Settings) -> [f64; 5] {
+    fn energy(&mut self, x: &[DVec3], weights: &[f64], pull_weights: &[f64], free: Weights) -> [f64; 5] {
         let shell = &self.shell;
         let wanted = shell.wanted(weights, &mut self.wanted_lengths, &mut self.wanted_angles);
         let (mut stretch, mut bend, mut pull) = (0.0, 0.0, 0.0);
@@ -262,10 +267,10 @@ impl Newton {
         for ((row, goal), weight) in self.pulls.iter().zip(&self.goals).zip(pull_weights).filter(|(_, weight)| **weight > 0.0) {
             pull += weight * row.apply(x).distance_squared(*goal);
         }
-        let drawn = match settings.weights {
+        let drawn = match free {
             Weights::Given => 0.0,
             Weights::Free { regularization, .. } => {
-                2.0 * weights.iter().zip(&shell.examples).map(|(w, e)| regularization * e.curvature * w * w).sum::<f64>()
+                weights.iter().zip(&shell.examples).map(|(w, e)| regularization * e.curvature * w * w).sum::<f64>()
             }
         };
         [stretch, bend, swell, pull, drawn].map(|twice| 0.5 * twice)
@@ -336,3 +341,6 @@ impl Pull {
         self.vertices.iter().zip(&self.values).map(|(&v, c)| x[v as usize] * *c).sum()
     }
 }
+
+#[cfg(test)]
+mod derivatives;
