@@ -160,3 +160,64 @@ fn median(mut values: Vec<f64>) -> f64 {
     let half = values.len() / 2;
     *values.select_nth_unstable_by(half, f64::total_cmp).1
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    const CUBE: [[f64; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    const FACES: &str = "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
+
+    fn obj(size: f64, faces: &str) -> String {
+        CUBE.iter().map(|p| format!("v {} {} {}\n", size * p[0], size * p[1], size * p[2])).collect::<String>() + faces
+    }
+
+    /// The scan, and the poses of a file beside it.
+    fn read_text(text: &str) -> (Result<Vec<Pose>>, Notes) {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("scan.obj"), obj(1.0, FACES)).unwrap();
+        std::fs::write(folder.path().join("pose.obj"), text).unwrap();
+        let scan = super::super::read(&folder.path().join("scan.obj")).unwrap();
+        let mut notes = Notes::default();
+        (read_poses(&scan, &[folder.path().join("pose.obj")], &mut notes), notes)
+    }
+
+    #[test]
+    fn faces_may_come_in_any_order_and_begin_anywhere() {
+        let (poses, notes) = read_text(&obj(1.0, "f 2 3 4\nf 4 1 2\nf 3 1 4\nf 3 2 1\n"));
+        let poses = poses.unwrap();
+        assert_eq!((poses.len(), poses[0].name.as_str(), poses[0].scale), (1, "pose.obj", 1.0));
+        assert!(notes.is_empty());
+        let (poses, notes) = read_text(&obj(1.5, FACES));
+        assert!((poses.unwrap()[0].scale - 1.5).abs() < 1e-12);
+        assert!(notes.iter().any(|t| t.contains("pose.obj") && t.contains("1.5")), "{notes:?}");
+    }
+
+    #[test]
+    fn another_mesh_is_refused_with_what_differs_first() {
+        let text = |text: &str| read_text(text).0.unwrap_err().to_string();
+        let more = text(&(obj(1.0, "") + "v 1 1 1\n" + FACES));
+        assert!(more.contains("pose.obj") && more.contains("5 vertices where scan.obj has 4"), "{more}");
+        let turned = text(&obj(1.0, "f 1 3 2\nf 1 2 4\nf 2 4 3\nf 3 1 4\n"));
+        assert!(turned.contains("face 3 is (2, 4, 3), where scan.obj has (2, 3, 4)"), "{turned}");
+        let fewer = text(&obj(1.0, "f 1 3 2\nf 1 2 4\nf 2 3 4\n"));
+        assert!(fewer.contains("face 4 is nothing more"), "{fewer}");
+        let giant = text(&obj(1000.0, FACES));
+        assert!(giant.contains("1000 times as large") || giant.contains("1,000 times as large"), "{giant}");
+    }
+
+    #[test]
+    fn a_folder_is_read_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, size) in [("b.obj", 1.01), ("a.obj", 1.0), ("scan.txt", 1.0)] {
+            std::fs::write(folder.path().join(name), obj(size, FACES)).unwrap();
+        }
+        let scan = super::super::read(&folder.path().join("a.obj")).unwrap();
+        let poses = read_poses(&scan, &[folder.path().to_owned()], &mut Notes::default()).unwrap();
+        assert_eq!(poses.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["a.obj", "b.obj"]);
+        std::fs::remove_file(folder.path().join("a.obj")).unwrap();
+        std::fs::remove_file(folder.path().join("b.obj")).unwrap();
+        assert!(read_poses(&scan, &[folder.path().to_owned()], &mut Notes::default()).is_err());
+    }
+}

@@ -225,3 +225,91 @@ impl<'a> Coarse<'a> {
         }
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::deform::shells::shapes::{Bend, arm};
+    use glam::DQuat;
+
+    /// An arm with waves on its skin, at rest or bent, in a box of about 1.
+    fn bent(shoulder: f64, elbow: f64) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+        let (points, faces) = arm(91, 24, Bend { shoulder, elbow, bulge: 0.25 * elbow / 100.0 });
+        (points.iter().map(|p| *p / 3.0).collect(), faces)
+    }
+
+    fn polygons(triangles: &[[u32; 3]]) -> Faces {
+        let mut faces = Faces::default();
+        triangles.iter().for_each(|t| faces.push(*t));
+        faces
+    }
+
+    fn apply(map: &SurfaceMap, pose: &[DVec3]) -> Vec<DVec3> {
+        let mut out = vec![Vec::new()];
+        map.apply(&[pose], &mut out);
+        out[0].iter().map(|p| DVec3::from(p.map(f64::from))).collect()
+    }
+
+    fn distance(a: &[DVec3], b: &[DVec3]) -> f64 {
+        a.iter().zip(b).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn rest_and_rigid_motions_come_through_and_examples_come_back() {
+        let (rest, triangles) = bent(0.0, 0.0);
+        let examples = [bent(0.0, 100.0).0, bent(70.0, 0.0).0];
+        let body = Body::build(&rest, &triangles, &examples, 400, &|| Ok(())).unwrap();
+        let fitted = SurfaceMap::build_for_shell(&body, &rest, &polygons(&triangles), &examples);
+        let plain =
+            SurfaceMap::build_for_shell(&Body { examples: Vec::new(), ..body.clone() }, &rest, &polygons(&triangles), &[]);
+        for map in [&fitted, &plain] {
+            for v in (0..rest.len()).step_by(7) {
+                assert!((map.row(v).values.iter().sum::<f64>() - 1.0).abs() < 1e-6);
+            }
+            assert!(distance(&apply(map, &body.proxy.rest), &rest) < 1e-6);
+            let turn = DQuat::from_axis_angle(DVec3::new(1.0, -2.0, 0.5).normalize(), 2.0);
+            let motion = |p: &DVec3| turn * *p + DVec3::new(0.3, 0.1, -0.2);
+            let moved: Vec<DVec3> = body.proxy.rest.iter().map(motion).collect();
+            let expected: Vec<DVec3> = rest.iter().map(motion).collect();
+            assert!(distance(&apply(map, &moved), &expected) < 1e-6);
+        }
+        for (coarse, example) in body.examples.iter().zip(&examples) {
+            let pose = body.posed(coarse);
+            let (with, without) = (distance(&apply(&fitted, &pose), example), distance(&apply(&plain, &pose), example));
+            assert!(with < 2e-3 && with < 0.5 * without && without < 0.02, "{with} fitted, {without} plain");
+        }
+        // A pose that neither shows.
+        let (seen, _) = bent(35.0, 50.0);
+        let pose = body.posed(&coarse_of(&body, &seen));
+        let (with, without) = (distance(&apply(&fitted, &pose), &seen), distance(&apply(&plain, &pose), &seen));
+        assert!(with < without, "{with} fitted, {without} plain");
+    }
+
+    fn coarse_of(body: &Body, x: &[DVec3]) -> Vec<DVec3> {
+        let mut coarse = vec![DVec3::ZERO; body.vertices()];
+        for (place, p) in body.places.iter().zip(x).filter(|(place, _)| **place != Body::NONE) {
+            coarse[*place as usize] = *p;
+        }
+        coarse
+    }
+
+    #[test]
+    fn a_whole_body_is_the_scan_and_what_is_loose_goes_with_what_is_near() {
+        let (mut rest, mut triangles) = bent(0.0, 0.0);
+        let n = rest.len();
+        let button = DVec3::new(0.25, 0.13, 0.0);
+        rest.extend([button, button + DVec3::X * 0.004, button + DVec3::Z * 0.004]);
+        triangles.push([n as u32, n as u32 + 1, n as u32 + 2]);
+        let body = Body::build(&rest, &triangles, &[], 100_000, &|| Ok(())).unwrap();
+        let map = SurfaceMap::build_for_shell(&body, &rest, &polygons(&triangles), &[]);
+        let mut pose = body.proxy.rest.clone();
+        pose[17] += DVec3::Y;
+        let out = apply(&map, &pose);
+        assert!(out[17].distance(rest[17] + DVec3::Y) < 1e-6 && out[18].distance(rest[18]) < 1e-6);
+        let (turned, _) = bent(0.0, 80.0);
+        let out = apply(&map, &body.posed(&turned));
+        let edges = |x: &[DVec3]| [x[n].distance(x[n + 1]), x[n].distance(x[n + 2])];
+        assert!(edges(&out).iter().all(|l| (l / 0.004 - 1.0).abs() < 0.1), "{:?}", edges(&out));
+    }
+}

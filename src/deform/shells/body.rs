@@ -93,6 +93,11 @@ impl Body {
         self.proxy.rest.len() - self.proxy.tets.len()
     }
 
+    /// Positions of the vertices as a pose of the proxy.
+    pub fn posed(&self, x: &[DVec3]) -> Vec<DVec3> {
+        x.iter().copied().chain(self.proxy.boundary.iter().map(|f| tip(x, *f))).collect()
+    }
+
     /// The components that `keep` says yes to, as [`Proxy::with_components`].
     #[must_use]
     pub fn with_components(&self, keep: impl Fn(u32) -> bool) -> Self {
@@ -226,5 +231,85 @@ impl Used {
             faces: faces.iter().map(|f| f.map(place)).collect(),
             vertices,
         }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::deform::shells::shapes::{Bend, arm};
+
+    const TARGET: usize = 150;
+
+    fn build(points: &[DVec3], faces: &[[u32; 3]], examples: &[Vec<DVec3>]) -> Result<Body> {
+        Body::build(points, faces, examples, TARGET, &|| Ok(()))
+    }
+
+    #[test]
+    fn vertices_that_are_one_in_every_pose_are_one() {
+        let of = |elbow| arm(31, 12, Bend { elbow, ..Bend::default() });
+        let (rest, faces) = of(0.0);
+        let bent = of(80.0).0;
+        let whole = build(&rest, &faces, std::slice::from_ref(&bent)).unwrap();
+        // Every triangle with corners of its own.
+        let soup = |x: &[DVec3]| faces.iter().flatten().map(|v| x[*v as usize]).collect::<Vec<_>>();
+        let corners: Vec<[u32; 3]> = (0..faces.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+        let welded = build(&soup(&rest), &corners, &[soup(&bent)]).unwrap();
+        assert_eq!(whole.vertices(), TARGET);
+        assert_eq!((welded.vertices(), welded.proxy.tets.len()), (whole.vertices(), whole.proxy.tets.len()));
+        assert!(welded.roots.iter().all(|r| *r != Body::NONE));
+        // Cut open in the example only, a seam stays a seam.
+        let mut torn = soup(&bent);
+        torn[0] += DVec3::X * 0.01;
+        assert!(build(&soup(&rest), &corners, &[torn]).unwrap().proxy.components.iter().all(|c| *c == 0));
+    }
+
+    #[test]
+    fn tips_make_tetrahedra_with_volume_and_faces_that_look_inwards_are_turned() {
+        let (rest, faces) = arm(31, 12, Bend::default());
+        let inwards: Vec<[u32; 3]> = faces.iter().map(|[a, b, c]| [*a, *c, *b]).collect();
+        let (body, turned) = (build(&rest, &faces, &[]).unwrap(), build(&rest, &inwards, &[]).unwrap());
+        for body in [&body, &turned] {
+            let n = body.vertices() as u32;
+            for (t, (tet, face)) in body.proxy.tets.iter().zip(&body.proxy.boundary).enumerate() {
+                let [a, b, c, d] = tet.map(|v| body.proxy.rest[v as usize]);
+                assert!((b - a).cross(c - a).dot(d - a) > 0.0 && tet[3] == n + t as u32 && tet[..3] == face[..]);
+            }
+        }
+        assert_eq!(volume(&turned.proxy.rest[..TARGET], &turned.proxy.boundary, &[]).signum(), 1.0);
+    }
+
+    #[test]
+    fn components_go_with_their_examples() {
+        let (rest, faces) = arm(31, 12, Bend::default());
+        let n = rest.len() as u32;
+        let twice = |x: &[DVec3]| x.iter().copied().chain(x.iter().map(|p| *p + DVec3::Y * 3.0)).collect::<Vec<_>>();
+        let all: Vec<[u32; 3]> = faces.iter().copied().chain(faces.iter().map(|f| f.map(|v| v + n))).collect();
+        let bent = arm(31, 12, Bend { elbow: 50.0, ..Bend::default() }).0;
+        let body = build(&twice(&rest), &all, &[twice(&bent)]).unwrap();
+        assert_eq!(body.proxy.components.iter().max(), Some(&1));
+        let one = body.with_components(|c| c == 1);
+        assert_eq!(one.examples[0].len(), one.vertices());
+        assert!(one.proxy.rest.iter().all(|p| p.y > 2.0) && one.examples[0].iter().all(|p| p.y > 2.0));
+        assert!(one.roots[..n as usize].iter().all(|r| *r == Body::NONE));
+        assert!(one.roots[n as usize..].iter().all(|r| (*r as usize) < one.vertices()));
+        let kept = one.places.iter().filter(|p| **p != Body::NONE).count();
+        assert_eq!(kept, one.vertices());
+    }
+
+    #[test]
+    fn small_pieces_follow_and_flaws_are_named() {
+        let (mut rest, mut faces) = arm(31, 12, Bend::default());
+        let n = rest.len() as u32;
+        rest.extend([DVec3::Y, DVec3::Y * 1.01, DVec3::new(0.01, 1.0, 0.0)]);
+        faces.push([n, n + 1, n + 2]);
+        let body = build(&rest, &faces, &[]).unwrap();
+        assert!(body.notes.iter().any(|t| t.contains("1 small piece")), "{:?}", body.notes);
+        assert_eq!(body.roots[n as usize], Body::NONE);
+        faces.push([faces[0][0], faces[0][1], 200]);
+        let error = build(&rest, &faces, &[]).unwrap_err();
+        assert!(error.found.contains("has 3 triangles") && error.hint.is_some(), "{error}");
+        assert!(build(&rest, &[], &[]).is_err());
     }
 }

@@ -270,3 +270,54 @@ impl Quadric {
             + c
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::deform::shells::geometry::volume;
+    use crate::deform::shells::shapes::{Bend, arm};
+    use crate::deform::shells::topology::Topology;
+
+    #[test]
+    fn all_poses_keep_their_shape_and_vertices_their_places() {
+        let of = |shoulder, elbow| arm(91, 24, Bend { shoulder, elbow, bulge: 0.2 });
+        let (rest, faces) = of(0.0, 0.0);
+        let poses = [rest.clone(), of(0.0, 100.0).0, of(70.0, 0.0).0];
+        let views: Vec<&[DVec3]> = poses.iter().map(Vec::as_slice).collect();
+        let coarse = decimate(&views, &faces, 400, &|| Ok(())).unwrap();
+        assert_eq!(coarse.vertices.len(), 400);
+        assert!(coarse.vertices.windows(2).all(|w| w[0] < w[1]));
+        assert!(coarse.vertices.iter().zip(0..).all(|(v, place)| coarse.roots[*v as usize] == place));
+        let topology = Topology::of(400, &coarse.faces).unwrap();
+        assert!(topology.holes.is_empty() && coarse.faces.len() == 796);
+        for pose in &poses {
+            let small: Vec<DVec3> = coarse.vertices.iter().map(|v| pose[*v as usize]).collect();
+            let ratio = volume(&small, &coarse.faces, &[]) / volume(pose, &faces, &[]);
+            assert!((ratio - 1.0).abs() < 0.03, "{ratio}");
+        }
+        // Merged vertices are near those that stand for them.
+        let far = rest.iter().zip(&coarse.roots).map(|(p, r)| p.distance(rest[coarse.vertices[*r as usize] as usize]));
+        let mean = far.sum::<f64>() / rest.len() as f64;
+        assert!(mean < 0.15, "{mean}");
+    }
+
+    #[test]
+    fn rims_stay_where_they_are_and_holes_open() {
+        let (rest, mut faces) = arm(61, 24, Bend::default());
+        let last = rest.len() as u32 - 1;
+        faces.retain(|f| !f.contains(&last));
+        let coarse = decimate(&[&rest], &faces, 200, &|| Ok(())).unwrap();
+        let small: Vec<DVec3> = coarse.vertices.iter().map(|v| rest[*v as usize]).collect();
+        let topology = Topology::of(small.len(), &coarse.faces).unwrap();
+        assert_eq!(topology.holes.len(), 1);
+        assert!(topology.holes[0].iter().all(|&v| small[v as usize].x > 2.99));
+    }
+
+    #[test]
+    fn it_ends_when_it_is_told_to() {
+        let (rest, faces) = arm(91, 40, Bend::default());
+        let stop = || Err(crate::error::Error::new(crate::error::Kind::Interrupted, "interrupted"));
+        assert!(decimate(&[&rest], &faces, 100, &stop).is_err());
+    }
+}

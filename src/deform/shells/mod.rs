@@ -27,7 +27,7 @@ mod pulls;
 mod quadratic;
 mod rows;
 #[cfg(test)]
-mod shapes;
+pub(crate) mod shapes;
 mod shell;
 mod starts;
 #[cfg(test)]

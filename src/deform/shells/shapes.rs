@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 
 /// A tube of rings around centres, with two unit vectors across each; closed by fans.
-pub(super) fn tube(
+pub(crate) fn tube(
     segments: usize,
     centres: &[DVec3],
     frames: &[[DVec3; 2]],
@@ -34,21 +34,21 @@ pub(super) fn tube(
 }
 
 /// A straight tube along z.
-pub(super) fn straight(length: f64, radius: f64, rings: usize, segments: usize) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+pub(crate) fn straight(length: f64, radius: f64, rings: usize, segments: usize) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let centres: Vec<DVec3> = (0..rings).map(|i| DVec3::Z * (length * i as f64 / (rings - 1) as f64)).collect();
     tube(segments, &centres, &vec![[DVec3::X, DVec3::Y]; rings], |_, _| radius)
 }
 
 /// How an arm is bent, in degrees, and by how much that swells it.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Bend {
+pub(crate) struct Bend {
     pub shoulder: f64,
     pub elbow: f64,
     pub bulge: f64,
 }
 
 /// An arm of length 3 along x with a stub of a trunk: shoulder at 0.85, elbow at 1.8, each bent about z over a stretch of 0.8.
-pub(super) fn arm(rings: usize, segments: usize, bend: Bend) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+pub(crate) fn arm(rings: usize, segments: usize, bend: Bend) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let along: Vec<f64> = (0..rings).map(|i| 3.0 * i as f64 / (rings - 1) as f64).collect();
     let smooth = |s: f64, at: f64| {
         let t = ((s - at) / 0.8 + 0.5).clamp(0.0, 1.0);
@@ -74,7 +74,7 @@ pub(super) fn arm(rings: usize, segments: usize, bend: Bend) -> (Vec<DVec3>, Vec
 }
 
 /// Numbers from 0 to 1 that look random.
-pub(super) fn dice(seed: u64) -> impl FnMut() -> f64 {
+pub(crate) fn dice(seed: u64) -> impl FnMut() -> f64 {
     let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
     move || {
         state ^= state << 13;

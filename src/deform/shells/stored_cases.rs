@@ -248,3 +248,72 @@ fn an_arm_finds_the_stored_weights() {
     let (weights, off, _) = run(&mut arm, &Settings { steps: 5, decrease: 1e-9, ..free });
     assert!(weights < 2e-3 && off < 5e-4, "{weights:e} {off:e}");
 }
+
+#[test]
+fn a_turned_example_finds_the_same_weights() {
+    let free = Settings { weights: Weights::Free { bounds: Bounds::FREE, regularization: 1e-4 }, ..CONVERGED };
+    let (Some(mut plain), Some(mut turned)) = (arm(false), arm(true)) else { return };
+    let mut poses: [Vec<Vec<DVec3>>; 2] = Default::default();
+    let mut weights: [Vec<[f64; 2]>; 2] = Default::default();
+    for (k, arm) in [&mut plain, &mut turned].into_iter().enumerate() {
+        let (mut x, mut w) = (arm.newton.shell.rest.clone(), [0.0; 2]);
+        let pull = vec![1e6 / arm.newton.shell.diagonal.powi(2); arm.targets[0].len()];
+        for targets in &arm.targets {
+            let goals = Goals { positions: targets, weights: &pull };
+            arm.newton.minimize(&mut x, &mut w, &goals, &Settings { steps: 60, decrease: 1e-11, ..free });
+            poses[k].push(x.clone());
+            weights[k].push(w);
+        }
+    }
+    for frame in 0..weights[0].len() {
+        let off = distance(&poses[0][frame], &poses[1][frame]) / plain.newton.shell.diagonal;
+        let apart = (0..2).map(|i| (weights[0][frame][i] - weights[1][frame][i]).abs()).fold(0.0, f64::max);
+        assert!(off < 1e-8 && apart < 1e-8, "frame {frame}: {off:e} D, weights {apart:e}");
+    }
+}
+
+#[test]
+fn a_body_finds_a_pose_that_it_has_not_seen() {
+    let Some(case) = read_npz("human.npz") else { return };
+    let rest = points(&case["V"]);
+    let n = rest.len();
+    let examples: Vec<Vec<DVec3>> = points(&case["examples"]).chunks(n).map(<[DVec3]>::to_vec).collect();
+    let shell = Shell::new(&rest, &faces(&case["F"]), &examples, &Material::WITH_EXAMPLES, &[]).unwrap();
+    let count = 1 + case["C_row"].iter().fold(0.0_f64, |m, r| m.max(*r)) as usize;
+    let mut grips = vec![Grip::default(); count];
+    for ((row, column), value) in case["C_row"].iter().zip(&case["C_col"]).zip(&case["C_val"]) {
+        let pull = &mut grips[*row as usize].pull;
+        pull.vertices.push(*column as u32);
+        pull.values.push(*value);
+    }
+    let at_rest: Vec<DVec3> = grips.iter().map(|g| g.pull.apply(&rest)).collect();
+    let targets = points(&case["targets"])[..count].to_vec();
+    let mut newton = Newton::new(shell, &vec![false; n], grips);
+    let diagonal = newton.shell.diagonal;
+    let pull = vec![1e6 / diagonal.powi(2); count];
+    let (mut x, mut weights) = (rest, vec![0.0; examples.len()]);
+    let bounds = Bounds { least: -0.2, most: 1.2 };
+    let free = Settings { weights: Weights::Free { bounds, regularization: 1e-4 }, ..CONVERGED };
+    let begin = Instant::now();
+    let mut steps = 0;
+    for stage in 1..=20 {
+        let share = f64::from(stage) / 20.0;
+        let positions: Vec<DVec3> = at_rest.iter().zip(&targets).map(|(a, b)| a.lerp(*b, share)).collect();
+        let settings = if stage < 20 {
+            Settings { steps: 4, decrease: 1e-7, ..free }
+        } else {
+            Settings { steps: 80, decrease: 1e-12, ..free }
+        };
+        steps += newton.minimize(&mut x, &mut weights, &Goals { positions: &positions, weights: &pull }, &settings).steps;
+    }
+    let truth = points(&case["truth"])[..n].to_vec();
+    let mean = x.iter().zip(&truth).map(|(a, b)| a.distance(*b)).sum::<f64>() / n as f64;
+    let off = distance(&x, &points(&case["X"])[..n]) / diagonal;
+    let apart = weights.iter().zip(&case["alpha"]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    eprintln!(
+        "T-pose: {:.2} mm from the truth on the mean, {off:.1e} D and {apart:.1e} from the stored answer; {steps} steps of {:.1} ms",
+        1e3 * mean,
+        begin.elapsed().as_secs_f64() * 1e3 / f64::from(steps)
+    );
+    assert!(mean < 0.005 && off < 1e-3 && apart < 1e-3, "{mean} {off:e} {apart:e}");
+}
