@@ -131,9 +131,9 @@ impl Shells {
             options.rigid.iter().flatten().for_each(|&t| stiffness[t as usize] *= RIGID);
         }
         let shell = Shell::new(&body.proxy.rest[..n], faces, &body.examples, &options.material, &stiffness)?;
-        let pulls = Pulls::new(&body.proxy, handles, oriented, options.hardness / shell.diagonal.powi(2))?;
+        let pulls = Pulls::new(&body.proxy, handles, oriented, options.hardness / shell.diagonal.powi(2));
         let weights = vec![0.0; shell.examples.len()];
-        let newton = Newton::new(shell, &vec![false; n], pulls.grips());
+        let newton = Newton::new(shell, &pulls.held(n), pulls.grips());
         let free = Weights::Free { bounds: options.bounds, regularization: options.regularization };
         let settings = Settings {
             steps: options.steps,
@@ -173,6 +173,7 @@ impl Shells {
             self.starts.forget();
             self.begin()
         } else {
+            self.pulls.settle(&mut self.x, None);
             self.newton.minimize(&mut self.x, &mut self.weights, &self.pulls.goals(), &self.settings)
         };
         if !minimum.energy().is_finite() || self.starts.leaps(minimum.shell()) {

@@ -26,6 +26,9 @@ pub(super) struct Pulls {
     /// Handles that are points.
     points: usize,
     carried: Vec<Carried>,
+    /// Vertices that are where an oriented handle puts them.
+    exact: Vec<(u32, Carried)>,
+    placements: Vec<Placement>,
 }
 
 /// A point that an oriented handle carries.
@@ -38,10 +41,7 @@ struct Carried {
 
 impl Pulls {
     /// `hardness`: weight of a handle with `beta` 1.
-    ///
-    /// # Errors
-    /// An oriented handle that holds exactly.
-    pub fn new(proxy: &Proxy, handles: &[Handle], oriented: &[OrientedHandle], hardness: f64) -> Result<Self> {
+    pub fn new(proxy: &Proxy, handles: &[Handle], oriented: &[OrientedHandle], hardness: f64) -> Self {
         let mut pulls = Self {
             names: handles.iter().map(|h| h.name.clone()).chain(oriented.iter().map(|h| h.name.clone())).collect(),
             grips: Vec::new(),
@@ -51,6 +51,8 @@ impl Pulls {
             weights: Vec::new(),
             points: handles.len(),
             carried: Vec::new(),
+            exact: Vec::new(),
+            placements: Vec::new(),
         };
         let vertices = proxy.rest.len() - proxy.tets.len();
         let mut sum = RowSum::new(vertices);
@@ -60,17 +62,20 @@ impl Pulls {
             pulls.full.push(weight);
         };
         handles.iter().for_each(|h| add(&h.row, hardness * h.beta));
-        let mut carried = Vec::new();
+        let (mut carried, mut exact) = (Vec::new(), Vec::new());
+        // The points off the triangles follow.
+        let points = vertices;
+        let on_mesh = |vertices: &[u32]| -> Vec<SparseRow> {
+            let own = vertices.iter().filter(|v| (**v as usize) < points);
+            own.map(|&v| SparseRow { indices: vec![v], values: vec![1.0] }).collect()
+        };
         for (number, handle) in oriented.iter().enumerate() {
             let (rows, beta): (Vec<SparseRow>, f64) = match &handle.grip {
                 Hold::Frame { rows, beta } => (rows.to_vec(), *beta),
-                Hold::Region { vertices, beta } => {
-                    (vertices.iter().map(|&v| SparseRow { indices: vec![v], values: vec![1.0] }).collect(), *beta)
-                }
-                Hold::Exact { .. } => {
-                    return Err(Error::refused(format!("handle {} holds its part exactly", handle.name))
-                        .expected("handles that pull: a shell has no exact ones")
-                        .hint("--hold instead of --hold-exact, or --method volumetric"));
+                Hold::Region { vertices, beta } => (on_mesh(vertices), *beta),
+                Hold::Exact { vertices } => {
+                    exact.extend(vertices.iter().filter(|v| (**v as usize) < points).map(|&v| (v, number)));
+                    (on_mesh(vertices), 1.0)
                 }
             };
             let share = beta / rows.len().max(1) as f64;
@@ -80,9 +85,14 @@ impl Pulls {
             }
         }
         pulls.carried = carried;
+        pulls.exact = exact
+            .into_iter()
+            .map(|(vertex, handle)| (vertex, Carried { handle, offset: proxy.rest[vertex as usize] - oriented[handle].rest }))
+            .collect();
         pulls.positions.clone_from(&pulls.attachments);
         pulls.weights = vec![0.0; pulls.full.len()];
-        Ok(pulls)
+        pulls.placements.reserve(oriented.len());
+        pulls
     }
 
     pub fn grips(&self) -> Vec<Grip> {
@@ -112,6 +122,8 @@ impl Pulls {
                 return Err(Error::refused("the place of an oriented handle is not finite").expected("a point and a turn"));
             }
         }
+        self.placements.clear();
+        self.placements.extend_from_slice(placements);
         for (k, carried) in self.carried.iter().enumerate() {
             let Some(placement) = placements.get(carried.handle) else { continue };
             let pull = self.points + k;
@@ -121,6 +133,24 @@ impl Pulls {
             }
         }
         Ok(())
+    }
+
+    /// Which vertices do not move by themselves.
+    pub fn held(&self, vertices: usize) -> Vec<bool> {
+        let mut held = vec![false; vertices];
+        self.exact.iter().for_each(|(v, _)| held[*v as usize] = true);
+        held
+    }
+
+    /// Puts the vertices that are held exactly where they shall be, or by a share of the way from where they were `before`.
+    pub fn settle(&self, x: &mut [DVec3], before: Option<(&[DVec3], f64)>) {
+        for (vertex, carried) in &self.exact {
+            let v = *vertex as usize;
+            if let Some(placement) = self.placements.get(carried.handle).filter(|p| p.presence > 0.0) {
+                let there = placement.position + placement.orientation * carried.offset;
+                x[v] = before.map_or(there, |(before, share)| before[v].lerp(there, share));
+            }
+        }
     }
 
     /// Whether anything pulls.

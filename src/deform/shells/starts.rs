@@ -105,10 +105,12 @@ impl Starts {
             let far = distance > FAR * newton.shell.diagonal;
             let stages = if far { STAGES } else { 1 };
             let from: Vec<DVec3> = (0..goals.positions.len()).map(|p| pulls.hold(p, &pose, &newton.shell.faces)).collect();
+            let origin = pose.clone();
             let mut minimum = Minimum::default();
             for stage in 1..=stages {
                 let share = f64::from(stage) / f64::from(stages);
                 let positions: Vec<DVec3> = from.iter().zip(goals.positions).map(|(a, b)| a.lerp(*b, share)).collect();
+                pulls.settle(&mut pose, if stage == stages { None } else { Some((&origin, share)) });
                 let cap = if stage == stages { LAST_STEPS } else { STEPS };
                 let settings = Settings { steps: cap, ..*settings };
                 minimum =

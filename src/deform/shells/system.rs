@@ -1,7 +1,7 @@
 //! The normal equations of a Gauss–Newton step (Fröhlich & Botsch 2011, (9) and §6.2): a sparse matrix of one pattern for the positions, the
 //! dense row of the volume by Sherman and Morrison, the columns of the example weights by their Schur complement.
 
-use super::quadratic::{Bounds, least};
+use super::quadratic::{Bounds, Quadratic};
 use super::shell::Shell;
 use crate::linalg::{RepeatedCholesky, elimination_order};
 use glam::DVec3;
@@ -65,6 +65,7 @@ pub(super) struct System {
     given: Vec<f64>,
     schur: Vec<f64>,
     reduced: Vec<f64>,
+    quadratic: Quadratic,
 }
 
 impl System {
@@ -149,6 +150,7 @@ impl System {
             columns,
             schur: vec![0.0; columns * columns],
             reduced: vec![0.0; columns],
+            quadratic: Quadratic::with_capacity(columns),
         }
     }
 
@@ -327,7 +329,7 @@ impl System {
                 let force = dot(&a.stretch, &at.stretch) + dot(&a.bend, &at.bend) + a.swell * at.swell;
                 self.reduced[i] = -force - pulled * unknown.weights[i] - dot(given, forces);
             }
-            least(&self.schur, &self.reduced, unknown.bounds, unknown.weights, &mut out.weights);
+            self.quadratic.least(&self.schur, &self.reduced, unknown.bounds, unknown.weights, &mut out.weights);
             for (column, weight) in examples.chunks(size.max(1)).zip(&out.weights) {
                 forces.iter_mut().zip(column).for_each(|(f, c)| *f -= weight * c);
             }
