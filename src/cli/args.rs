@@ -28,6 +28,16 @@ pub struct Cli {
     /// The main job.
     #[command(flatten)]
     pub animate: Option<Animate>,
+    /// More options of the main job: arguments that may be missing altogether cannot be nested.
+    #[command(flatten)]
+    pub shells: ShellArgs,
+}
+
+impl Cli {
+    /// The main job with all its options.
+    pub fn main_job(self) -> Option<Animate> {
+        self.animate.map(|animate| Animate { shells: self.shells, ..animate })
+    }
 }
 
 /// What else the program does.
@@ -212,8 +222,8 @@ pub struct Animate {
     #[arg(long, value_name = "WHAT=X", help_heading = "Parts")]
     pub stiffness: Vec<Stiffness>,
 
-    /// The shell deformer and its examples.
-    #[command(flatten)]
+    /// The shell deformer and its examples: those of [`Cli::shells`], which [`Cli::main_job`] puts here.
+    #[arg(skip)]
     pub shells: ShellArgs,
     /// How far each frame is solved
     #[arg(long, hide_short_help = true, value_enum, default_value_t = QualityArg::Default, help_heading = "Solve")]
@@ -368,8 +378,12 @@ mod tests {
     fn the_main_job_and_a_subcommand_share_the_line() {
         let cli =
             Cli::try_parse_from(["retarget", "a.obj", "b.c3d", "-o", "c.glb", "-o", "d.pc2", "--frames", "-5..20"]).unwrap();
-        let animate = cli.animate.unwrap();
+        let animate = cli.main_job().unwrap();
         assert_eq!(animate.out.len(), 2);
+        assert!(!animate.shells.are_chosen().unwrap());
+        let words = ["retarget", "a.obj", "b.c3d", "--examples", "c.obj", "d.obj", "-o", "c.glb", "--weight-range", "convex"];
+        let animate = Cli::try_parse_from(words).unwrap().main_job().unwrap();
+        assert!(animate.shells.examples.len() == 2 && animate.shells.are_chosen().unwrap());
         assert_eq!(animate.frames, Some((-5, 20)));
         assert_eq!(animate.rate, None, "what is usual differs from format to format");
         let cli = Cli::try_parse_from(["retarget", "inspect", "a.obj"]).unwrap();

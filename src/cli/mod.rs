@@ -26,7 +26,7 @@ pub fn run() -> ExitCode {
             return ExitCode::from(if error.use_stderr() { 2 } else { 0 });
         }
     };
-    let (console, result) = match (&cli.command, &cli.animate) {
+    let (console, result) = match (&cli.command, cli.animate.is_some()) {
         (Some(Command::Inspect(inspect)), _) => {
             let console = Console::new(Level::Normal);
             let result = inspect::run(inspect, &console);
@@ -37,12 +37,13 @@ pub fn run() -> ExitCode {
             let result = blend::run(blend, &console);
             (console, result)
         }
-        (None, Some(animate)) => {
+        (None, true) => {
+            let Some(animate) = cli.main_job() else { return ExitCode::from(2) };
             let console = Console::new(level(animate.quiet, animate.verbose));
-            let result = animate::run(animate, &console);
+            let result = animate::run(&animate, &console);
             (console, result)
         }
-        (None, None) => return ExitCode::from(2),
+        (None, false) => return ExitCode::from(2),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -14,7 +14,7 @@ const VERTICES: u32 = 1000;
 const OFTEN: f64 = 0.1;
 
 /// Options of the shell deformer.
-#[derive(Clone, Debug, Args)]
+#[derive(Clone, Debug, Default, Args)]
 pub struct ShellArgs {
     /// How frames are solved: auto takes shells where there are examples
     #[arg(long, value_enum, default_value_t = Method::Auto, help_heading = "Solve")]
@@ -34,7 +34,7 @@ pub struct ShellArgs {
 }
 
 /// Options of the shell's material.
-#[derive(Clone, Debug, Args)]
+#[derive(Clone, Debug, Default, Args)]
 pub struct MaterialArgs {
     /// Thickness of the shell in per cent of the scan's diagonal (the thinner, the harder to stretch against bending)
     #[arg(long, hide_short_help = true, value_name = "PCT", value_parser = parse_positive, conflicts_with = "shell_weights", help_heading = "Examples")]
@@ -48,9 +48,10 @@ pub struct MaterialArgs {
 }
 
 /// `--method`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Method {
     /// Shells where there are examples, else volumetric
+    #[default]
     Auto,
     /// Tetrahedra that keep their shape
     Volumetric,
@@ -59,9 +60,10 @@ pub enum Method {
 }
 
 /// `--example-scale`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum ExampleScale {
     /// As they are
+    #[default]
     #[value(name = "1")]
     One,
     /// As large as the scan
@@ -69,11 +71,12 @@ pub enum ExampleScale {
 }
 
 /// `--weight-range`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum WeightRange {
     /// Anywhere
     Free,
     /// -0.2 to 1.2
+    #[default]
     Box,
     /// 0 to 1
     Convex,
