@@ -84,10 +84,44 @@ pub struct Outcome {
     pub recovered: Frames,
     /// How far the worst of the frames in `unsolved` may be from solved, in diagonals.
     pub unsolved_error: f64,
+    /// What became of the weight of each example.
+    pub weights: Vec<WeightRange>,
     /// Milliseconds per stage in all: solve, map, write.
     pub stage_ms: [f64; 3],
     /// Milliseconds that completing the outputs took.
     pub finish_ms: f64,
+}
+
+/// How far the weight of an example went, and in how many frames it was there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WeightRange {
+    /// The least.
+    pub least: f64,
+    /// Frames with it.
+    pub at_least: usize,
+    /// The largest.
+    pub most: f64,
+    /// Frames with it.
+    pub at_most: usize,
+}
+
+impl Default for WeightRange {
+    fn default() -> Self {
+        Self { least: f64::INFINITY, at_least: 0, most: f64::NEG_INFINITY, at_most: 0 }
+    }
+}
+
+impl WeightRange {
+    fn add(&mut self, weight: f64) {
+        if weight < self.least {
+            (self.least, self.at_least) = (weight, 0);
+        }
+        if weight > self.most {
+            (self.most, self.at_most) = (weight, 0);
+        }
+        self.at_least += usize::from(weight == self.least);
+        self.at_most += usize::from(weight == self.most);
+    }
 }
 
 /// How far a run is.
@@ -143,6 +177,7 @@ struct Batch {
     first: usize,
     measures: Vec<FrameMeasure>,
     holds: Vec<Vec<DVec3>>,
+    weights: Vec<Vec<f64>>,
     targets: Vec<Vec<DVec3>>,
     proxy: Vec<Vec<DVec3>>,
     points: Vec<Vec<[f32; 3]>>,
@@ -310,10 +345,13 @@ impl<'a> Solver<'a> {
                 batch.proxy.push(Vec::new());
                 batch.holds.push(Vec::new());
                 batch.targets.push(Vec::new());
+                batch.weights.push(Vec::new());
             }
             batch.proxy[slot].clear();
             batch.proxy[slot].extend_from_slice(self.job.deformer.pose());
             self.handles(&mut batch.holds[slot], &mut batch.targets[slot]);
+            batch.weights[slot].clear();
+            batch.weights[slot].extend_from_slice(self.job.deformer.weights());
             batch.measures.push(measure);
             self.note(&measure);
             (self.progress)(Progress::Frames(self.outcome.frames));
@@ -392,6 +430,9 @@ impl<'a> Solver<'a> {
     fn note(&mut self, m: &FrameMeasure) {
         let out = &mut self.outcome;
         out.frames += 1;
+        let weights = self.job.deformer.weights();
+        out.weights.resize(weights.len(), WeightRange::default());
+        out.weights.iter_mut().zip(weights).for_each(|(range, weight)| range.add(*weight));
         out.passes += u64::from(m.stats.passes);
         out.stage_ms[0] += m.solve_ms;
         out.volume = (out.volume.0.min(m.stats.volume_ratio), out.volume.1.max(m.stats.volume_ratio));
@@ -493,8 +534,8 @@ impl Writer {
         self.map_ms += batch.map_ms;
         self.write_ms += write_ms;
         if let Some(report) = &mut self.report {
-            for measure in &batch.measures {
-                report.frame(measure, batch.map_ms / frames as f64, write_ms / frames as f64, &self.names)?;
+            for (measure, weights) in batch.measures.iter().zip(&batch.weights) {
+                report.frame(measure, batch.map_ms / frames as f64, write_ms / frames as f64, &self.names, weights)?;
             }
         }
         Ok(())

@@ -101,9 +101,9 @@ impl ReportWriter {
         Ok(Self { file: Pending::create(target)?, buffer, frames: 0 })
     }
 
-    /// Adds a frame. `names` are the names of the handles.
-    pub fn frame(&mut self, m: &FrameMeasure, map_ms: f64, write_ms: f64, names: &[String]) -> Result<()> {
-        let value = json!({
+    /// Adds a frame. `names` are the names of the handles, `weights` those of the examples.
+    pub fn frame(&mut self, m: &FrameMeasure, map_ms: f64, write_ms: f64, names: &[String], weights: &[f64]) -> Result<()> {
+        let mut value = json!({
             "frame": m.frame,
             "iterations": m.stats.passes,
             "ms": { "solve": rounded(m.solve_ms), "map": rounded(map_ms), "write": rounded(write_ms) },
@@ -117,6 +117,10 @@ impl ReportWriter {
             "inverted_tets": m.stats.inverted,
             "converged": m.stats.converged,
         });
+        if !weights.is_empty() {
+            value["weights"] = weights.iter().map(|w| rounded(*w)).collect();
+            value["energy"] = rounded(m.stats.energy);
+        }
         let separator = if self.frames == 0 { "\n" } else { ",\n" };
         self.frames += 1;
         self.buffer += &format!("{separator}{value}");
@@ -192,8 +196,8 @@ mod tests {
         let path = folder.path().join("report.json");
         let mut report = ReportWriter::begin(&path, &[("inputs", json!({"scan": "a \"b\".obj"}))]).unwrap();
         let m = FrameMeasure { frame: 143, residual: Residual { median: 0.4, max: 9.0, worst: Some(0) }, ..Default::default() };
-        report.frame(&m, 1.0, 2.0, &["RELB".into()]).unwrap();
-        report.frame(&m, 1.0, f64::NAN, &["RELB".into()]).unwrap();
+        report.frame(&m, 1.0, 2.0, &["RELB".into()], &[]).unwrap();
+        report.frame(&m, 1.0, f64::NAN, &["RELB".into()], &[]).unwrap();
         assert!(!path.exists());
         report.finish(&[Written { bytes: 7, ..Default::default() }], Some(0.001), &["careful".into()]).unwrap();
         let value: Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();

@@ -9,6 +9,7 @@ use super::decisions::{
 use super::outputs;
 use super::picture::{self, Bound, Unbound};
 use super::rig::Rig;
+use super::shells::{self, Examples};
 use crate::batch::record::Summary;
 use crate::binding::landmarks::Floor;
 use crate::binding::regions::Subject;
@@ -18,8 +19,9 @@ use crate::cache::{Cache, Key};
 use crate::capture::handles_csv::HandleTable;
 use crate::capture::resample::Sampling;
 use crate::capture::{self, Capture, ReadOptions, smooth};
+use crate::deform::shells::{Body, Shells, SurfaceRows};
 use crate::deform::volumetric::{Options, Volumetric};
-use crate::deform::{Grip, Handle, OrientedHandle};
+use crate::deform::{Deformer, Grip, Handle, OrientedHandle};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::export::files::Pending;
 use crate::export::{Cancel, FrameSink, Header};
@@ -33,7 +35,6 @@ use crate::spatial::TriangleTree;
 use crate::surface::SurfaceMap;
 use crate::words;
 use glam::DVec3;
-use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::ops::Range;
 use std::path::Path;
@@ -54,6 +55,7 @@ pub(super) fn run(args: &Animate, console: &Console, cancel: Cancel) -> Result<F
     let threads = args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
     pool.map_err(|e| Error::new(Kind::Usage, format!("cannot start {threads} threads: {e}")).hint("--threads 1"))?;
+    args.shells.check(args.proxy.is_some())?;
     let sinks = outputs::sinks(args)?;
     let setup = Setup::make(args, console, &cancel, start)?;
     setup.animate(args, console, cancel, sinks, threads > 1)
@@ -72,7 +74,9 @@ struct Setup {
     handles: Vec<Handle>,
     oriented: Vec<OrientedHandle>,
     regions: Regions,
-    deformer: Volumetric,
+    deformer: Box<dyn Deformer>,
+    /// The example poses of a shell.
+    examples: Examples,
     clock: Clock,
     /// What was repaired in the capture.
     repairs: Value,
@@ -101,8 +105,10 @@ impl Setup {
         })?;
         let points: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
         let triangles = scan.mesh.vertex_triangles();
+        let mut example_notes = Notes::default();
+        let examples = Examples::read(&args.shells.examples, args.shells.example_scale, &scan, unit_box, &mut example_notes)?;
         let (built, bound) = rayon::join(
-            || body(args, cache.as_ref(), &scan, unit_box, &points, &triangles, cancel),
+            || body(args, cache.as_ref(), &scan, unit_box, &points, &triangles, &examples, cancel),
             || bind(args, &scan, unit_box, &points, &triangles, &mut captures, &rig, (console, cancel)),
         );
         let (mut binding, floor) = match bound {
@@ -116,7 +122,7 @@ impl Setup {
             Some(floor) => {
                 let without = without_floor(&scan, unit_box, &floor, &mut binding.notes);
                 let triangles = without.mesh.vertex_triangles();
-                let built = body(args, cache.as_ref(), &without, unit_box, &points, &triangles, cancel);
+                let built = body(args, cache.as_ref(), &without, unit_box, &points, &triangles, &examples, cancel);
                 (without, triangles, built)
             }
             None => (scan, triangles, built),
@@ -126,6 +132,7 @@ impl Setup {
         console.station("capture", &capture_line(args, &capture, &binding));
         console.station("bind", &bind_line(args, &binding));
         warn(console, &mut warnings, &scan.notes);
+        warn(console, &mut warnings, &example_notes);
         warn(console, &mut warnings, &capture.notes);
         if let Some(reference) = &reference {
             warn(console, &mut warnings, &reference.notes);
@@ -135,7 +142,7 @@ impl Setup {
         warn(console, &mut warnings, &unbound(&binding));
         warn(console, &mut warnings, &grips::missing(&binding.turning, &holdings(args), range.clone()));
         repair_details(&capture).iter().chain(&binding_details(&binding)).for_each(|line| console.detail(line));
-        let Made { proxy, words: remarks, notes, joined, touching } = built?;
+        let Made { proxy, mut shell, words: remarks, notes, joined, touching } = built?;
         console.station("proxy", &remarks);
         warn(console, &mut warnings, &notes);
         let mut notes = Notes::default();
@@ -161,10 +168,11 @@ impl Setup {
             let limbs = if touching { Limbs::of(&proxy, &binding, unit_box.diagonal, &joined) } else { None };
             let subject = Subject::new(&scan, &points, unit_box, &proxy, &binding).with_limbs(limbs.as_ref());
             regions = Regions::new(&subject, &rules(args, &rig, &binding))?;
-            handles = attach(&proxy, &binding, &regions, limbs.as_ref(), args);
+            handles = attach(&proxy, shell.as_ref(), &binding, &regions, limbs.as_ref(), args);
             oriented = grips::grips(&subject, &binding.turning.handles, &holdings(args))?;
             let Some(held) = held_components(&proxy, &handles, &oriented) else { break };
             proxy = proxy.with_components(|c| held[c as usize]);
+            shell = shell.map(|body| body.with_components(|c| held[c as usize]));
             let loose = words::plural(held.iter().filter(|h| !**h).count(), "separate part");
             let mut notes = Notes::default();
             notes.warn(format!("{loose} of the scan without a marker: the nearest part of the body takes it along"));
@@ -173,18 +181,15 @@ impl Setup {
         if !regions.counts.is_empty() {
             console.station("parts", &regions.words());
         }
-        let options = Options {
-            tolerance: args.tolerance.unwrap_or(args.quality.tolerance()),
-            iterations: args.iterations,
-            stiffness: regions.stiffness.clone(),
-            rigid: regions.rigid.clone(),
-            ..Options::default()
-        };
         let (map, deformer) = rayon::join(
-            || map_of(args, cache.as_ref(), &proxy, &points, &scan.mesh.faces),
-            || Volumetric::with_oriented(&proxy, &handles, &oriented, &options),
+            || match &shell {
+                Some(body) => Ok(SurfaceMap::build_for_shell(body, &points, &scan.mesh.faces, &examples.poses)),
+                None => map_of(args, cache.as_ref(), &proxy, &points, &scan.mesh.faces),
+            },
+            || deformer(args, &proxy, shell.as_ref(), &handles, &oriented, &regions),
         );
-        let (map, deformer) = (Arc::new(map?), deformer?);
+        let (map, (deformer, notes)) = (Arc::new(map?), deformer?);
+        warn(console, &mut warnings, &notes);
         if let Some(trouble) = cache.and_then(|cache| cache.trouble()) {
             let mut notes = Notes::default();
             notes.warn(format!("the cache is not kept: {trouble}"));
@@ -211,6 +216,7 @@ impl Setup {
             oriented,
             regions,
             deformer,
+            examples,
             clock,
             repairs,
             warnings,
@@ -242,7 +248,7 @@ impl Setup {
             metres: self.binding.decisions.scan_unit.map(|u| u.value.metres()),
             cancel,
         });
-        console.station("solve", &solve_line(args));
+        console.station("solve", &self.solve_line(args));
         console.station("write", &args.out.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(" · "));
         for (name, ms) in &self.clock.laps {
             console.detail(&format!("{name}: {}", words::seconds(ms / 1e3)));
@@ -258,7 +264,7 @@ impl Setup {
             binding: &self.binding,
             handles: &self.handles,
             oriented: &self.oriented,
-            deformer: Box::new(self.deformer),
+            deformer: self.deformer,
             sinks,
             report,
             metres,
@@ -272,7 +278,8 @@ impl Setup {
         progress.finish();
         let mut outcome = result.map_err(|e| interrupted_where(e, &progress, header.frames))?;
 
-        outcome_warnings(&outcome, self.unit_box.diagonal, metres).iter().for_each(|text| {
+        let texts = outcome_warnings(&outcome, self.unit_box.diagonal, metres);
+        texts.iter().chain(&args.shells.weight_warnings(&outcome, &self.examples.names)).for_each(|text| {
             console.warning(text);
             self.warnings.push(text.clone());
         });
@@ -311,6 +318,19 @@ impl Setup {
         Ok(Finished { summary, within })
     }
 
+    fn solve_line(&self, args: &Animate) -> String {
+        if args.shells.are_chosen().unwrap_or(false) {
+            let count = self.examples.names.len();
+            let learnt = if count == 0 {
+                "without examples".into()
+            } else {
+                format!("{}, weights {}", words::plural(count, "example"), args.shells.range_words())
+            };
+            return format!("shells, {learnt}");
+        }
+        solve_line(args)
+    }
+
     fn report_head(&self, args: &Animate) -> Vec<(&'static str, Value)> {
         let name = |p: &Path| p.display().to_string();
         let inputs = json!({
@@ -329,6 +349,7 @@ impl Setup {
             "parts": self.regions.counts.iter().map(|(what, stiffness, tets)| json!({ "what": what, "stiffness": stiffness, "tetrahedra": tets })).collect::<Vec<_>>(),
             "binding": binding_json(&self.binding, self.unit_box),
             "oriented_handles": self.oriented.iter().map(|h| oriented_json(h, self.unit_box)).collect::<Vec<_>>(),
+            "examples": self.examples.names,
             "proxy": { "vertices": self.proxy.rest.len(), "tetrahedra": self.proxy.tets.len() },
         });
         vec![("inputs", inputs), ("decisions", decisions), ("setup_ms", Value::Object(laps))]
@@ -479,7 +500,15 @@ fn read_reference(path: &Path, options: &ReadOptions) -> Result<Capture> {
 }
 
 /// The handles of the bound markers.
-fn attach(proxy: &Proxy, binding: &Binding, regions: &Regions, limbs: Option<&Limbs>, args: &Animate) -> Vec<Handle> {
+fn attach(
+    proxy: &Proxy,
+    shell: Option<&Body>,
+    binding: &Binding,
+    regions: &Regions,
+    limbs: Option<&Limbs>,
+    args: &Animate,
+) -> Vec<Handle> {
+    let surface = shell.map(SurfaceRows::new);
     let rows = HandleRows::new(proxy, args.map.into());
     // Where limbs touch, each segment has rows on its own limb.
     let own: Vec<HandleRows> =
@@ -491,7 +520,10 @@ fn attach(proxy: &Proxy, binding: &Binding, regions: &Regions, limbs: Option<&Li
             let beta = if rigid && h.beta >= 1.0 { h.beta * GRIP } else { h.beta };
             Handle {
                 name: h.label.clone(),
-                row: h.segment.and_then(|s| own.get(s as usize)).unwrap_or(&rows).row(h.attachment),
+                row: match &surface {
+                    Some(surface) => surface.row(h.attachment),
+                    None => h.segment.and_then(|s| own.get(s as usize)).unwrap_or(&rows).row(h.attachment),
+                },
                 beta,
             }
         })
@@ -517,10 +549,37 @@ fn held_components(proxy: &Proxy, handles: &[Handle], oriented: &[OrientedHandle
     (held.contains(&true) && held.contains(&false)).then_some(held)
 }
 
+/// The deformer with its handles, and what is to be said about it.
+fn deformer(
+    args: &Animate,
+    proxy: &Proxy,
+    shell: Option<&Body>,
+    handles: &[Handle],
+    oriented: &[OrientedHandle],
+    regions: &Regions,
+) -> Result<(Box<dyn Deformer>, Notes)> {
+    let mut notes = Notes::default();
+    if let Some(body) = shell {
+        let options = args.shells.options(body, regions.stiffness.clone(), regions.rigid.clone());
+        let shells = Shells::new(body, handles, oriented, &options)?;
+        shells::remarks(&shells).into_iter().for_each(|text| notes.warn(text));
+        return Ok((Box::new(shells), notes));
+    }
+    let options = Options {
+        tolerance: args.solve_tolerance.unwrap_or(args.quality.tolerance()),
+        iterations: args.iterations,
+        stiffness: regions.stiffness.clone(),
+        rigid: regions.rigid.clone(),
+        ..Options::default()
+    };
+    Ok((Box::new(Volumetric::with_oriented(proxy, handles, oriented, &options)?), notes))
+}
+
 /// A proxy, with the words of its line.
-#[derive(Serialize, Deserialize)]
 struct Made {
     proxy: Proxy,
+    /// The same as a shell, where frames are solved by one.
+    shell: Option<Body>,
     words: String,
     notes: Notes,
     /// Where parts are joined that only touch.
@@ -555,8 +614,16 @@ fn body(
     unit_box: UnitBox,
     points: &[DVec3],
     triangles: &[[u32; 3]],
+    examples: &Examples,
     cancel: &Cancel,
 ) -> Result<Made> {
+    if args.shells.are_chosen()? {
+        let mut body = shells::body(points, triangles, examples, args.proxy_vertices, &|| cancel.check())
+            .map_err(|e| if e.file.is_none() && e.kind != Kind::Interrupted { e.file(&scan.source) } else { e })?;
+        let (proxy, notes) = (body.proxy.clone(), std::mem::take(&mut body.notes));
+        let words = body.words();
+        return Ok(Made { proxy, shell: Some(body), words, notes, joined: Vec::new(), touching: false });
+    }
     if let Some(path) = &args.proxy {
         let (proxy, notes) = medit::read(path, &unit_box)?;
         let line = format!(
@@ -565,20 +632,21 @@ fn body(
             words::count(proxy.rest.len()),
             words::count(proxy.tets.len())
         );
-        return Ok(Made { proxy, words: line, notes, joined: Vec::new(), touching: false });
+        return Ok(Made { proxy, shell: None, words: line, notes, joined: Vec::new(), touching: false });
     }
-    let options = BuildOptions { surface_vertices: args.proxy_vertices as usize };
+    let options =
+        BuildOptions { surface_vertices: args.proxy_vertices.map_or(BuildOptions::default().surface_vertices, |n| n as usize) };
     let key = Key::new("proxy").plain(points).plain(triangles).plain(&[options.surface_vertices]);
-    if let Some(made) = cache.and_then(|cache| cache.get(&key)) {
-        return Ok(made);
+    if let Some((proxy, words, notes, joined, touching)) = cache.and_then(|cache| cache.get(&key)) {
+        return Ok(Made { proxy, shell: None, words, notes, joined, touching });
     }
     let built = proxy::build(points, triangles, &options, &|| cancel.check())
         .map_err(|e| if e.file.is_none() && e.kind != Kind::Interrupted { e.file(&scan.source) } else { e })?;
     let words = format!("{} · {}", built.summary.size(), built.summary.remarks());
     let touching = built.summary.touching > 0;
-    let made = Made { proxy: built.proxy, words, notes: built.notes, joined: built.joined, touching };
+    let made = Made { proxy: built.proxy, shell: None, words, notes: built.notes, joined: built.joined, touching };
     if let Some(cache) = cache {
-        cache.keep(&key, &made);
+        cache.keep(&key, &(&made.proxy, &made.words, &made.notes, &made.joined, made.touching));
     }
     Ok(made)
 }

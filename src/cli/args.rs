@@ -1,5 +1,7 @@
 //! The arguments as typed: strings checked and turned into values, nothing opened yet.
 
+use super::blend::Blend;
+use super::shells::ShellArgs;
 use crate::binding;
 use crate::binding::select::{Hold, Selector, Stiffness};
 use crate::deform::volumetric::Options;
@@ -27,6 +29,16 @@ pub struct Cli {
     /// The main job.
     #[command(flatten)]
     pub animate: Option<Animate>,
+    /// More options of the main job: arguments that may be missing altogether cannot be nested.
+    #[command(flatten)]
+    pub shells: ShellArgs,
+}
+
+impl Cli {
+    /// The main job with all its options.
+    pub fn main_job(self) -> Option<Animate> {
+        self.animate.map(|animate| Animate { shells: self.shells, ..animate })
+    }
 }
 
 /// What else the program does.
@@ -34,6 +46,8 @@ pub struct Cli {
 pub enum Command {
     /// Say what is in scans, captures and outputs, without writing anything
     Inspect(Inspect),
+    /// Interpolate and exaggerate example poses of a mesh by weights
+    Blend(Blend),
     /// Do many takes: a table of scans, captures, outputs and options
     Batch(Batch),
 }
@@ -81,6 +95,9 @@ pub struct Take {
     /// The main job.
     #[command(flatten)]
     pub animate: Animate,
+    /// More options of the main job, see [`Cli::shells`].
+    #[command(flatten)]
+    pub shells: ShellArgs,
 }
 
 /// Arguments of `retarget inspect`.
@@ -246,9 +263,9 @@ pub struct Animate {
     #[arg(long, hide_short_help = true, help_heading = "Placement")]
     pub accept_doubtful: bool,
 
-    /// Surface vertices of the tetrahedral proxy, 100 to 100000
-    #[arg(long, hide_short_help = true, value_name = "N", default_value_t = 3000, value_parser = clap::value_parser!(u32).range(100..=100_000), help_heading = "Proxy")]
-    pub proxy_vertices: u32,
+    /// Surface vertices of the proxy, 100 to 100000 (default: 3000, for shells 1000)
+    #[arg(long, hide_short_help = true, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=100_000), help_heading = "Proxy")]
+    pub proxy_vertices: Option<u32>,
     /// Use this tetrahedral mesh (MEDIT, in the scan's coordinates) as the proxy
     #[arg(long, hide_short_help = true, value_name = "FILE.mesh", help_heading = "Proxy")]
     pub proxy: Option<PathBuf>,
@@ -266,6 +283,9 @@ pub struct Animate {
     #[arg(long, value_name = "WHAT=X", help_heading = "Parts")]
     pub stiffness: Vec<Stiffness>,
 
+    /// The shell deformer and its examples: those of [`Cli::shells`], which [`Cli::main_job`] puts here.
+    #[arg(skip)]
+    pub shells: ShellArgs,
     /// How far each frame is solved
     #[arg(long, hide_short_help = true, value_enum, default_value_t = QualityArg::Default, help_heading = "Solve")]
     pub quality: QualityArg,
@@ -274,7 +294,7 @@ pub struct Animate {
     pub iterations: Option<u32>,
     /// Largest move of a vertex in the last step of a frame, in diagonals of the body, in place of the one that --quality stands for
     #[arg(long, hide = true, value_name = "DIAGONALS", conflicts_with = "iterations", help_heading = "Solve")]
-    pub tolerance: Option<f64>,
+    pub solve_tolerance: Option<f64>,
 
     /// Keep what set-up computes of the scan in this folder, for other takes of the same scan; the outputs are the same bytes with and without
     #[arg(long, hide_short_help = true, value_name = "DIR", help_heading = "Machine")]
@@ -453,8 +473,12 @@ mod tests {
     fn the_main_job_and_a_subcommand_share_the_line() {
         let cli =
             Cli::try_parse_from(["retarget", "a.obj", "b.c3d", "-o", "c.glb", "-o", "d.pc2", "--frames", "-5..20"]).unwrap();
-        let animate = cli.animate.unwrap();
+        let animate = cli.main_job().unwrap();
         assert_eq!(animate.out.len(), 2);
+        assert!(!animate.shells.are_chosen().unwrap());
+        let words = ["retarget", "a.obj", "b.c3d", "--examples", "c.obj", "d.obj", "-o", "c.glb", "--weight-range", "convex"];
+        let animate = Cli::try_parse_from(words).unwrap().main_job().unwrap();
+        assert!(animate.shells.examples.len() == 2 && animate.shells.are_chosen().unwrap());
         assert_eq!(animate.frames, Some((-5, 20)));
         assert_eq!(animate.rate, None, "what is usual differs from format to format");
         let cli = Cli::try_parse_from(["retarget", "inspect", "a.obj"]).unwrap();

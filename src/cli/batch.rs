@@ -52,11 +52,14 @@ fn options() -> OptionTable {
 
 /// The arguments of a take.
 fn parse(manifest: &Manifest, take: &Take) -> Result<Animate> {
-    Arguments::try_parse_from(manifest.arguments(take)).map(|take| take.animate).map_err(|error| {
-        let text = error.render().to_string();
-        let text = text.trim_start_matches("error: ").split("\n\nUsage").next().unwrap_or_default().split("\n\nFor more").next();
-        Error::new(Kind::Usage, text.unwrap_or_default().trim()).file(&manifest.path).at(&*take.place)
-    })
+    Arguments::try_parse_from(manifest.arguments(take)).map(|take| Animate { shells: take.shells, ..take.animate }).map_err(
+        |error| {
+            let text = error.render().to_string();
+            let text =
+                text.trim_start_matches("error: ").split("\n\nUsage").next().unwrap_or_default().split("\n\nFor more").next();
+            Error::new(Kind::Usage, text.unwrap_or_default().trim()).file(&manifest.path).at(&*take.place)
+        },
+    )
 }
 
 /// Does one take, unless it is done already.

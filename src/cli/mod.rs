@@ -3,12 +3,14 @@
 mod animate;
 pub mod args;
 mod batch;
+mod blend;
 mod console;
 mod decisions;
 mod inspect;
 mod outputs;
 mod picture;
 mod rig;
+mod shells;
 
 use crate::export::Cancel;
 use args::{Cli, Command};
@@ -26,28 +28,29 @@ pub fn run() -> ExitCode {
             return ExitCode::from(if error.use_stderr() { 2 } else { 0 });
         }
     };
-    let (console, result) = match (&cli.command, &cli.animate) {
+    let (console, result) = match (&cli.command, cli.animate.is_some()) {
         (Some(Command::Inspect(inspect)), _) => {
             let console = Console::new(Level::Normal);
             let result = inspect::run(inspect, &console);
             (console, result)
         }
         (Some(Command::Batch(batch)), _) => {
-            let console = Console::new(if batch.quiet { Level::Quiet } else { Level::Normal });
+            let console = Console::new(level(batch.quiet, false));
             let result = batch::run(batch, &console, &interruptible());
             (console, result)
         }
-        (None, Some(animate)) => {
-            let level = match (animate.quiet, animate.verbose) {
-                (true, _) => Level::Quiet,
-                (_, true) => Level::Verbose,
-                _ => Level::Normal,
-            };
-            let console = Console::new(level);
-            let result = animate::run(animate, &console, interruptible()).and_then(|finished| finished.within);
+        (Some(Command::Blend(blend)), _) => {
+            let console = Console::new(level(blend.quiet, blend.verbose));
+            let result = blend::run(blend, &console);
             (console, result)
         }
-        (None, None) => return ExitCode::from(2),
+        (None, true) => {
+            let Some(animate) = cli.main_job() else { return ExitCode::from(2) };
+            let console = Console::new(level(animate.quiet, animate.verbose));
+            let result = animate::run(&animate, &console, interruptible()).and_then(|finished| finished.within);
+            (console, result)
+        }
+        (None, false) => return ExitCode::from(2),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -65,4 +68,12 @@ fn interruptible() -> Cancel {
     // Fails only if a handler is set already, which is as good.
     let _ = ctrlc::set_handler(move || on_interrupt.cancel());
     cancel
+}
+
+fn level(quiet: bool, verbose: bool) -> Level {
+    match (quiet, verbose) {
+        (true, _) => Level::Quiet,
+        (_, true) => Level::Verbose,
+        _ => Level::Normal,
+    }
 }

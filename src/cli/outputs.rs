@@ -16,19 +16,30 @@ const FORMATS: &str = "one of .glb, .abc, .usdc, .usda, .usdz, .pc2, .mdd, .html
 /// [`Kind::Usage`] for an unknown format, an output given twice, or one that would replace an input; [`Kind::Unwritable`] for one that
 /// exists (without `--force`) or whose folder is missing.
 pub(super) fn sinks(args: &Animate) -> Result<Vec<Box<dyn FrameSink>>> {
-    let inputs: Vec<&PathBuf> =
-        [Some(&args.scan), Some(&args.capture), args.ref_file.as_ref(), args.proxy.as_ref(), args.rig.as_ref()]
-            .into_iter()
-            .flatten()
-            .collect();
+    let given = [Some(&args.scan), Some(&args.capture), args.ref_file.as_ref(), args.proxy.as_ref(), args.rig.as_ref()];
+    let inputs: Vec<&PathBuf> = given.into_iter().flatten().chain(&args.shells.examples).collect();
+    let others: Vec<&PathBuf> = args.report.iter().chain(&args.save_proxy).chain(&args.picture).chain(&args.save_rig).collect();
     let recording = glb::Recording::new(glb::Options {
         tolerance: args.tolerance.map_or_else(Tolerance::default, |percent| Tolerance::of_worst(percent / 100.0)),
         encode: args.encode.into(),
         source_index: args.source_index,
     });
+    checked(&args.out, &others, &inputs, args.force, false, &recording)
+}
+
+/// The same for any outputs. `others`: files that are no animations; `single`: whether a file may hold one frame; `recording`: what GLB and page
+/// share.
+pub(super) fn checked(
+    out: &[PathBuf],
+    others: &[&PathBuf],
+    inputs: &[&PathBuf],
+    force: bool,
+    single: bool,
+    recording: &glb::Recording,
+) -> Result<Vec<Box<dyn FrameSink>>> {
     let mut seen: Vec<PathBuf> = Vec::new();
     let mut sinks = Vec::new();
-    for path in args.out.iter().chain(&args.report).chain(&args.save_proxy).chain(&args.picture).chain(&args.save_rig) {
+    for path in out.iter().chain(others.iter().copied()) {
         let whole = absolute(path);
         if seen.iter().any(|other| *other == whole || same_frames(other, &whole)) {
             return Err(Error::new(Kind::Usage, "this output is named twice")
@@ -39,10 +50,10 @@ pub(super) fn sinks(args: &Animate) -> Result<Vec<Box<dyn FrameSink>>> {
             return Err(Error::new(Kind::Usage, "this output would replace an input").file(path).expected("another path"));
         }
         seen.push(whole);
-        if args.out.contains(path) {
-            sinks.push(sink(path, &recording)?);
+        if out.contains(path) {
+            sinks.push(sink(path, single, recording)?);
         }
-        if !args.force && files::exists(path) {
+        if !force && files::exists(path) {
             return Err(Error::new(Kind::Unwritable, "exists already")
                 .file(path)
                 .expected("a path where nothing is")
@@ -87,7 +98,7 @@ fn same_frames(a: &Path, b: &Path) -> bool {
 }
 
 /// `recording`: what GLB and page share.
-fn sink(path: &Path, recording: &glb::Recording) -> Result<Box<dyn FrameSink>> {
+fn sink(path: &Path, single: bool, recording: &glb::Recording) -> Result<Box<dyn FrameSink>> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     match (extension.as_str(), is_sequence(path)) {
         ("glb", false) => Ok(Box::new(glb::GlbSink::of(path, recording))),
@@ -98,9 +109,9 @@ fn sink(path: &Path, recording: &glb::Recording) -> Result<Box<dyn FrameSink>> {
         ("usda" | "usdc" | "usdz", false) => Ok(Box::new(Usd::new(path))),
         ("abc", false) => Ok(Box::new(Alembic::new(path))),
         ("mdd", false) => Ok(Box::new(PointCache::mdd(path))),
-        ("ply", true) => Ok(Box::new(PlyFrames::new(path))),
-        ("obj", true) => Ok(Box::new(ObjFrames::new(path))),
-        ("ply" | "obj", false) => {
+        ("ply", is_sequence) if is_sequence || single => Ok(Box::new(PlyFrames::new(path))),
+        ("obj", is_sequence) if is_sequence || single => Ok(Box::new(ObjFrames::new(path))),
+        ("ply" | "obj", _) => {
             let stem = path.file_stem().unwrap_or_default().to_string_lossy();
             let pattern = path.with_file_name(format!("{stem}_####.{extension}"));
             Err(Error::new(Kind::Usage, format!("one .{extension} file holds one frame"))

@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::linalg::SparseRow;
 use glam::{DQuat, DVec3};
 
+pub mod shells;
 pub mod volumetric;
 
 /// A point of the body that targets pull.
@@ -122,4 +123,9 @@ pub trait Deformer: Send {
 
     /// Points of the proxy after the last frame, in the unit box.
     fn pose(&self) -> &[DVec3];
+
+    /// Weights of the examples after the last frame; none where there are no examples.
+    fn weights(&self) -> &[f64] {
+        &[]
+    }
 }

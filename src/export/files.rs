@@ -169,6 +169,9 @@ impl Pattern {
 
     /// The number with at least as many digits as there were `#`; a minus stands before them.
     fn name(&self, frame: i64) -> String {
+        if self.digits == 0 {
+            return format!("{}{}", self.prefix, self.suffix);
+        }
         let sign = if frame < 0 { "-" } else { "" };
         format!("{}{sign}{:0width$}{}", self.prefix, frame.unsigned_abs(), self.suffix, width = self.digits)
     }
@@ -225,6 +228,21 @@ impl Sequence {
                 .file(pattern)
                 .expected("a run of '#' for the frame number, such as frames/f_####.ply"));
         };
+        Self::of(parsed)
+    }
+
+    /// The same; a path without `#` is that of a single frame.
+    pub fn create_or_single(path: &Path) -> Result<Self> {
+        let single = || Pattern {
+            folder: folder_of(path).to_owned(),
+            prefix: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            digits: 0,
+            suffix: String::new(),
+        };
+        Self::of(Pattern::parse(path).unwrap_or_else(single))
+    }
+
+    fn of(parsed: Pattern) -> Result<Self> {
         let folders = NewFolders::create(&parsed.folder)?;
         let staging = tempfile::Builder::new().prefix(".retarget-").tempdir_in(&parsed.folder);
         let staging = staging.map_err(|e| Error::unwritable(&parsed.folder, &e))?;
@@ -243,7 +261,10 @@ impl Sequence {
 
     /// Name of a file that belongs to the whole sequence.
     pub fn companion_name(&self, ending: &str) -> String {
-        format!("{}{ending}", self.pattern.prefix)
+        let prefix = &self.pattern.prefix;
+        let stem =
+            if self.pattern.digits == 0 { prefix.rsplit_once('.').map_or(prefix.as_str(), |(stem, _)| stem) } else { prefix };
+        format!("{stem}{ending}")
     }
 
     /// Writes a file that belongs to the whole sequence under [`Sequence::companion_name`].
@@ -340,6 +361,16 @@ mod tests {
         let sequence = Sequence::create(&pattern).unwrap();
         sequence.write(1000, [&b"x"[..]]).unwrap();
         assert_eq!(sequence.finish().unwrap(), Finished { files: 1, bytes: 1, older: 1 });
+    }
+
+    #[test]
+    fn a_name_without_a_number_is_that_of_one_frame() {
+        let dir = tempfile::tempdir().unwrap();
+        let sequence = Sequence::create_or_single(&dir.path().join("pose.obj")).unwrap();
+        assert_eq!(sequence.companion_name(".mtl"), "pose.mtl");
+        sequence.write(7, [&b"ab"[..]]).unwrap();
+        assert_eq!(sequence.finish().unwrap(), Finished { files: 1, bytes: 2, older: 0 });
+        assert_eq!(names(dir.path()), ["pose.obj"]);
     }
 
     #[test]

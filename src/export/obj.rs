@@ -56,7 +56,7 @@ impl ObjFrames {
         first_frame: i64,
         cancel: &Cancel,
     ) -> Result<()> {
-        let sequence = Sequence::create(&self.pattern)?;
+        let sequence = Sequence::create_or_single(&self.pattern)?;
         let mut notes = Notes::default();
         let libraries = libraries(scan, &sequence)?;
         if scan.look.colors_have_alpha {

@@ -38,7 +38,7 @@ impl PlyFrames {
     }
 
     pub(super) fn open(&mut self, scan: &Scan, unit_box: UnitBox, first_frame: i64, cancel: &Cancel) -> Result<()> {
-        let sequence = Sequence::create(&self.pattern)?;
+        let sequence = Sequence::create_or_single(&self.pattern)?;
         let mut notes = Notes::default();
         let layout = Layout::new(scan, unit_box, sequence.folder(), &mut notes);
         self.open = Some(Open { sequence, layout, unit_box, first_frame, cancel: cancel.clone(), notes });

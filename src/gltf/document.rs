@@ -107,6 +107,29 @@ pub(crate) struct Mesh {
     pub(crate) primitives: Box<[Primitive]>,
     /// Weights of its morph targets.
     pub(crate) weights: Box<[f64]>,
+    /// By convention, the names of its morph targets.
+    pub(crate) extras: Option<MeshExtras>,
+}
+
+/// What applications add to a mesh.
+#[derive(Debug, serde::Deserialize)]
+#[serde(untagged)]
+pub(crate) enum MeshExtras {
+    /// The names of its morph targets.
+    #[serde(rename_all = "camelCase")]
+    Named {
+        /// One per target.
+        target_names: Box<[Box<str>]>,
+    },
+    /// Anything else.
+    Other(Present),
+}
+
+/// A morph target: what it adds to the attributes of a primitive.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE", default)]
+pub(crate) struct MorphTarget {
+    pub(crate) position: Option<u32>,
 }
 
 /// A part of a mesh with one material.
@@ -122,7 +145,7 @@ pub(crate) struct Primitive {
     pub(crate) mode: Option<u32>,
     /// Morph targets.
     #[serde(default)]
-    pub(crate) targets: Box<[Present]>,
+    pub(crate) targets: Box<[MorphTarget]>,
     /// Extensions.
     #[serde(default)]
     pub(crate) extensions: PrimitiveExtensions,

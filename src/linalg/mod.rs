@@ -4,6 +4,7 @@ mod cholesky;
 mod dense;
 pub(crate) mod lanes;
 mod ordering;
+mod repeated;
 pub(crate) mod rotation;
 mod symmetric;
 
@@ -11,6 +12,7 @@ pub use cholesky::{Cholesky, NotPositive};
 pub use dense::DenseCholesky;
 pub use lanes::{Lanes, use_baseline};
 pub use ordering::elimination_order;
+pub use repeated::RepeatedCholesky;
 pub use rotation::nearest_rotation;
 pub use symmetric::SymmetricMatrix;
 

@@ -7,6 +7,7 @@ mod mtl;
 mod obj;
 mod off;
 mod ply;
+mod poses;
 mod remarks;
 mod source;
 mod stl;
@@ -32,6 +33,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 pub(crate) use gltf::{Hold, Shapes};
+pub use poses::{Pose, read_poses};
 pub(crate) use remarks::statements;
 pub use triangulate::Triangles;
 

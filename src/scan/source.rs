@@ -124,7 +124,7 @@ fn unknown(path: &Path, what: &str) -> Error {
 }
 
 /// The extension in lower case, without a final `.gz`.
-fn extension(path: &Path) -> String {
+pub(super) fn extension(path: &Path) -> String {
     let lower = |p: &Path| p.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     match lower(path).as_str() {
         "gz" => path.file_stem().map(|stem| lower(Path::new(stem))).unwrap_or_default(),

@@ -2,6 +2,7 @@
 
 mod apply;
 mod fans;
+mod fitted;
 mod normals;
 mod paper;
 mod pieces;

@@ -1,4 +1,4 @@
-//! The map as Stoll et al. 2007 print it: one sparse row per scan vertex, in double precision since its coefficients are large.
+//! The map as Stoll et al. 2007 print it, and any other of one sparse row per scan vertex: in double precision since its coefficients are large.
 
 use super::apply::{Avx2, Indices, Pool, chunks, pack};
 use crate::linalg::SparseRow;
@@ -35,12 +35,31 @@ impl PaperMap {
         for points in points.chunks(AT_ONCE) {
             let rows: Vec<SparseRow> = points.par_iter().with_min_len(256).map_init(|| RowSum::new(n), row).collect();
             for row in rows {
-                map.indices.extend(&row.indices);
-                map.values.extend(row.values);
-                map.starts.push(map.values.len());
+                map.push(row);
             }
         }
         map
+    }
+
+    /// The map of rows that are given.
+    pub(super) fn of_rows(proxy_vertices: usize, rows: Vec<SparseRow>) -> Self {
+        let mut map = Self {
+            proxy_vertices,
+            starts: vec![0],
+            indices: Indices::new(proxy_vertices),
+            values: Vec::new(),
+            poses: Pool::default(),
+        };
+        for row in rows {
+            map.push(row);
+        }
+        map
+    }
+
+    fn push(&mut self, row: SparseRow) {
+        self.indices.extend(&row.indices);
+        self.values.extend(row.values);
+        self.starts.push(self.values.len());
     }
 
     pub(super) fn len(&self) -> usize {

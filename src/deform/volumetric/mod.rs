@@ -462,7 +462,7 @@ fn matrix(given: &[bool], elements: &[Element], handles: &[Handle], weights: &[f
     SymmetricMatrix::assemble(given.len(), &entries)
 }
 
-fn check_handles(proxy: &Proxy, handles: &[Handle]) -> Result<()> {
+pub(super) fn check_handles(proxy: &Proxy, handles: &[Handle]) -> Result<()> {
     for handle in handles {
         let refuse = |what: String| Err(Error::refused(format!("handle {}: {what}", handle.name)));
         if !(handle.beta.is_finite() && handle.beta > 0.0) {

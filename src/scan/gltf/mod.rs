@@ -7,7 +7,7 @@ use super::beside::Beside;
 use super::weld::{bits, first_equal};
 use super::{Faces, Group, NONE, Scan, SurfaceMesh};
 use crate::error::{Error, Notes, Result};
-use crate::gltf::{self, Attributes, Gltf, Node, Primitive, needs_extension};
+use crate::gltf::{self, Attributes, Gltf, MeshExtras, MorphTarget, Node, Primitive, needs_extension};
 use crate::space::{Axis, Evidence, Known, Unit};
 use glam::{DAffine3, DVec3};
 use looks::Looks;
@@ -15,6 +15,8 @@ pub(crate) use place::Hold;
 use place::{Place, Skins};
 use std::path::Path;
 
+/// Most morph targets that are taken as poses.
+const MOST_TARGETS: usize = 256;
 /// Vertices per byte of file above which a file is refused that shows its meshes again and again, and what is always allowed.
 const LARGEST_RATIO: usize = 20;
 const ALWAYS_ALLOWED: usize = 4 << 20;
@@ -39,6 +41,36 @@ fn parse(bytes: &[u8], beside: &Beside) -> Result<Scan> {
     let mut scene = Scene::new(&gltf, beside, bytes.len(), 2 * bytes.len() + gltf.bytes());
     scene.nodes(&hierarchy.shown, &hierarchy.worlds)?;
     scene.finish()
+}
+
+/// The scene in each of its morph targets at full weight, with their names; none where there are none.
+///
+/// # Errors
+/// As [`read`]; targets that do not fit their vertices.
+pub(super) fn read_targets(bytes: &[u8], path: &Path, beside: &Beside) -> Result<Vec<(String, Scan)>> {
+    let named = |e: Error| if e.file.is_none() { e.file(path) } else { e };
+    let gltf = gltf::parse(bytes, &|name| beside.needed(name)).map_err(named)?;
+    let meshes = &gltf.document.meshes;
+    let count = meshes.iter().flat_map(|m| &m.primitives).map(|p| p.targets.len()).max().unwrap_or(0);
+    let names = meshes.iter().find_map(|m| match &m.extras {
+        Some(MeshExtras::Named { target_names }) => Some(target_names),
+        _ => None,
+    });
+    if count > MOST_TARGETS {
+        return Err(Error::refused(format!("{count} morph targets"))
+            .file(path)
+            .expected(format!("at most {MOST_TARGETS} examples")));
+    }
+    let of = |target: usize| {
+        let hierarchy = gltf.hierarchy()?;
+        let mut scene = Scene::new(&gltf, &Beside::Nothing, bytes.len(), 0);
+        scene.target = Some(target);
+        scene.nodes(&hierarchy.shown, &hierarchy.worlds)?;
+        scene.looks.notes.clear();
+        let name = names.and_then(|n| n.get(target)).map_or_else(|| format!("target {}", target + 1), |n| n.to_string());
+        Ok((name, scene.finish()?))
+    };
+    (0..count).map(|target| of(target).map_err(named)).collect()
 }
 
 /// The meshes of a scene as [`read`] numbers their vertices, without looks.
@@ -101,6 +133,8 @@ struct Scene<'a> {
     normals: Vec<([f32; 3], u32)>,
     /// Where the vertices come from.
     parts: Vec<Part>,
+    /// Which morph target is added to the vertices.
+    target: Option<usize>,
     /// Most vertices and corners.
     most: usize,
     counts: Counts,
@@ -120,6 +154,7 @@ struct Counts {
 /// Vertices of a mesh that several primitives may share.
 struct Shared {
     attributes: Attributes,
+    target: MorphTarget,
     looks: looks::VertexLooks,
     first: u32,
     count: u32,
@@ -135,6 +170,7 @@ impl<'a> Scene<'a> {
             skins: Skins::default(),
             normals: Vec::new(),
             parts: Vec::new(),
+            target: None,
             most: ALWAYS_ALLOWED.max(LARGEST_RATIO.saturating_mul(size)),
             counts: Counts::default(),
         }
@@ -204,12 +240,14 @@ impl<'a> Scene<'a> {
         let material = self.looks.material(primitive.material, &mut self.scan)?;
         let looks = self.looks.vertex_looks(primitive);
         // The last few only: a mesh may have any number of primitives.
-        let known = shared.iter().rev().take(64).position(|s| s.attributes == primitive.attributes && s.looks == looks);
+        let target = self.target.and_then(|t| primitive.targets.get(t)).copied().unwrap_or_default();
+        let same = |s: &Shared| s.attributes == primitive.attributes && s.looks == looks && s.target == target;
+        let known = shared.iter().rev().take(64).position(same);
         let known = match known {
             Some(behind) => shared.len() - 1 - behind,
             None => {
-                let (first, count) = self.vertices(position, (node, &primitive.attributes), &looks, place)?;
-                shared.push(Shared { attributes: primitive.attributes, looks, first, count });
+                let (first, count) = self.vertices(position, target, (node, &primitive.attributes), &looks, place)?;
+                shared.push(Shared { attributes: primitive.attributes, target, looks, first, count });
                 self.parts.push(Part { first, count, node, skin, attributes: primitive.attributes });
                 shared.len() - 1
             }
@@ -232,12 +270,24 @@ impl<'a> Scene<'a> {
     fn vertices(
         &mut self,
         position: u32,
+        target: MorphTarget,
         (node, attributes): (u32, &Attributes),
         looks: &looks::VertexLooks,
         place: &Place,
     ) -> Result<(u32, u32)> {
         self.room(self.scan.mesh.positions.len(), self.gltf.accessor(position)?.count as usize)?;
         let mut points: Vec<DVec3> = self.gltf.floats::<3>(position)?.into_iter().map(DVec3::from_array).collect();
+        if let Some(moves) = target.position {
+            let moves = self.gltf.floats::<3>(moves)?;
+            if moves.len() != points.len() {
+                return Err(Error::malformed(format!(
+                    "a morph target of {} vertices where there are {}",
+                    moves.len(),
+                    points.len()
+                )));
+            }
+            points.iter_mut().zip(moves).for_each(|(p, m)| *p += DVec3::from_array(m));
+        }
         self.counts.unweighted += place.put(self.gltf, attributes, &mut points)?;
         if let Some(bad) = points.iter().position(|p| !p.is_finite()) {
             return Err(Error::malformed(format!("vertex {bad} (from 0) has coordinates that are not finite numbers"))
@@ -317,7 +367,7 @@ impl<'a> Scene<'a> {
         };
         note(points, "primitives of points skipped");
         note(lines, "primitives of lines skipped");
-        note(morphed, "primitives with morph targets, which are left out");
+        note(morphed, "primitives with morph targets, which are left out (--examples takes them as poses)");
         note(incomplete, "primitives whose last triangle is incomplete");
         note(unweighted, "vertices of skinned meshes without a weight, left where the mesh is");
         note(instanced, "nodes with EXT_mesh_gpu_instancing, taken once");

@@ -274,3 +274,31 @@ fn vertices_that_seams_repeat_are_twins() {
     assert_eq!(scan.look.twins, [0, 1, 2, 2, 4, 5, 6, 7, 8, 8, 10, 11]);
     assert!(parse(&b.file(nodes, mesh(json!({ "POSITION": points })), json!({}))).unwrap().look.twins.is_empty());
 }
+
+#[test]
+fn morph_targets_are_poses_where_the_node_shows_them() {
+    let mut b = Builder::default();
+    let positions = b.floats(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+    let up = b.floats(&[[0.0, 0.0, 0.5], [0.0, 0.0, 0.0], [0.0, 0.0, 0.25]]);
+    let aside = b.floats(&[[0.5, 0.0, 0.0]; 3]);
+    let short = b.floats(&[[0.5, 0.0, 0.0]; 2]);
+    let mesh = |targets: Value, names: Value| json!([{ "primitives": [{ "attributes": { "POSITION": positions }, "targets": targets }], "extras": names }]);
+    let nodes = json!([{ "mesh": 0, "translation": [0.0, 10.0, 0.0] }]);
+    let read = |meshes: Value| {
+        let more = json!({ "scenes": [{ "nodes": [0] }], "scene": 0 });
+        read_targets(&b.file(nodes.clone(), meshes, more), Path::new("a.glb"), &Beside::Nothing)
+    };
+    let targets = read(mesh(
+        json!([{ "POSITION": up }, { "NORMAL": aside }, { "POSITION": aside }]),
+        json!({ "targetNames": ["up", "none"] }),
+    ))
+    .unwrap();
+    let names: Vec<&str> = targets.iter().map(|t| t.0.as_str()).collect();
+    assert_eq!(names, ["up", "none", "target 3"]);
+    assert_eq!(targets[0].1.mesh.positions[2], DVec3::new(0.0, 11.0, 0.25));
+    assert_eq!(targets[1].1.mesh.positions[2], DVec3::new(0.0, 11.0, 0.0));
+    assert_eq!(targets[2].1.mesh.positions[0], DVec3::new(0.5, 10.0, 0.0));
+    assert!(read(mesh(json!([]), json!("free text"))).unwrap().is_empty());
+    let error = read(mesh(json!([{ "POSITION": short }]), json!(7))).unwrap_err();
+    assert!(error.to_string().contains("2 vertices where there are 3"), "{error}");
+}

@@ -1,0 +1,282 @@
+//! Examples and the shell deformer: their options, and what follows from them.
+
+use crate::deform::shells::{Body, Bounds, Material, Options, Shells};
+use crate::error::{Error, Kind, Notes, Result};
+use crate::pipeline::Outcome;
+use crate::scan::{Pose, Scan, UnitBox, read_poses};
+use clap::{Args, ValueEnum};
+use glam::DVec3;
+use std::path::PathBuf;
+
+/// Vertices of the coarse mesh where nothing else is said.
+const VERTICES: u32 = 1000;
+/// Share of the frames at a bound from which a weight is told of.
+const OFTEN: f64 = 0.1;
+
+/// Options of the shell deformer.
+#[derive(Clone, Debug, Default, Args)]
+pub struct ShellArgs {
+    /// How frames are solved: auto takes shells where there are examples
+    #[arg(long, value_enum, default_value_t = Method::Auto, help_heading = "Solve")]
+    pub method: Method,
+    /// Other poses of the scan, from which it learns how it bends: meshes with the same vertices and faces, folders of such, or glTF with morph
+    /// targets. They may stand anywhere and be turned in any way
+    #[arg(long, num_args = 1.., value_name = "FILE", help_heading = "Examples")]
+    pub examples: Vec<PathBuf>,
+    /// Examples of another size: taken as they are (1), or scaled so that their edges are as long as those of the scan (auto)
+    #[arg(long, hide_short_help = true, value_enum, default_value_t = ExampleScale::One, help_heading = "Examples")]
+    pub example_scale: ExampleScale,
+    /// How far weights of examples may go: anywhere, -0.2 to 1.2, or 0 to 1
+    #[arg(long, value_enum, default_value_t = WeightRange::Box, help_heading = "Examples")]
+    pub weight_range: WeightRange,
+    #[command(flatten)]
+    pub material: MaterialArgs,
+}
+
+/// Options of the shell's material.
+#[derive(Clone, Debug, Default, Args)]
+pub struct MaterialArgs {
+    /// Thickness of the shell in per cent of the scan's diagonal (the thinner, the harder to stretch against bending)
+    #[arg(long, hide_short_help = true, value_name = "PCT", value_parser = parse_positive, conflicts_with = "shell_weights", help_heading = "Examples")]
+    pub thickness: Option<f64>,
+    /// Weights of stretching, bending and volume; 'paper' is 100,1,1000 without regard to areas
+    #[arg(long, hide_short_help = true, value_name = "L,M,N|paper", value_parser = parse_material, help_heading = "Examples")]
+    pub shell_weights: Option<ShellWeights>,
+    /// Softer where the examples change much
+    #[arg(long, hide_short_help = true, help_heading = "Examples")]
+    pub learn_stiffness: bool,
+}
+
+/// `--method`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Method {
+    /// Shells where there are examples, else volumetric
+    #[default]
+    Auto,
+    /// Tetrahedra that keep their shape
+    Volumetric,
+    /// A surface that has learnt from examples
+    Shells,
+}
+
+/// `--example-scale`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum ExampleScale {
+    /// As they are
+    #[default]
+    #[value(name = "1")]
+    One,
+    /// As large as the scan
+    Auto,
+}
+
+/// `--weight-range`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum WeightRange {
+    /// Anywhere
+    Free,
+    /// -0.2 to 1.2
+    #[default]
+    Box,
+    /// 0 to 1
+    Convex,
+}
+
+/// `--shell-weights`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ShellWeights {
+    /// As published.
+    Paper,
+    /// Stretching, bending, volume.
+    Given([f64; 3]),
+}
+
+impl WeightRange {
+    fn bounds(self) -> Bounds {
+        match self {
+            Self::Free => Bounds::FREE,
+            Self::Box => Bounds::BOX,
+            Self::Convex => Bounds::CONVEX,
+        }
+    }
+}
+
+impl ShellArgs {
+    /// Whether frames are solved by shells.
+    ///
+    /// # Errors
+    /// [`Kind::Usage`] where examples are given to another method.
+    pub(super) fn are_chosen(&self) -> Result<bool> {
+        match (self.method, self.examples.is_empty()) {
+            (Method::Volumetric, false) => Err(Error::new(Kind::Usage, "--examples with --method volumetric")
+                .expected("--method shells, which learns from examples")
+                .hint("leave out --method")),
+            (Method::Shells, _) | (Method::Auto, false) => Ok(true),
+            _ => Ok(false),
+        }
+    }
+
+    /// What cannot be asked for together.
+    ///
+    /// # Errors
+    /// [`Kind::Usage`].
+    pub(super) fn check(&self, proxy: bool) -> Result<()> {
+        if self.are_chosen()? && proxy {
+            return Err(Error::new(Kind::Usage, "--proxy with shells")
+                .expected("a tetrahedral proxy for the volumetric deformer only")
+                .hint("--proxy-vertices N"));
+        }
+        Ok(())
+    }
+
+    /// `-0.2 to 1.2`.
+    pub(super) fn range_words(&self) -> &'static str {
+        match self.weight_range {
+            WeightRange::Free => "free",
+            WeightRange::Box => "\u{2212}0.2 to 1.2",
+            WeightRange::Convex => "0 to 1",
+        }
+    }
+
+    /// How the shell is solved.
+    pub(super) fn options(&self, body: &Body, stiffness: Vec<f64>, rigid: Vec<Vec<u32>>) -> Options {
+        let count = body.examples.len();
+        let material = self.material.material(count);
+        Options { material, bounds: self.weight_range.bounds(), stiffness, rigid, ..Options::for_examples(count) }
+    }
+
+    /// Warnings about weights that often were where they may go no farther.
+    pub(super) fn weight_warnings(&self, outcome: &Outcome, names: &[String]) -> Vec<String> {
+        let bounds = self.weight_range.bounds();
+        let often = |count: usize| count as f64 > OFTEN * outcome.frames as f64;
+        let at = |range: &crate::pipeline::WeightRange| -> Option<(usize, f64)> {
+            if often(range.at_most) && range.most >= bounds.most {
+                Some((range.at_most, bounds.most))
+            } else if often(range.at_least) && range.least <= bounds.least && bounds.least < 0.0 {
+                Some((range.at_least, bounds.least))
+            } else {
+                None
+            }
+        };
+        let stuck = outcome.weights.iter().zip(names).filter_map(|(range, name)| Some((at(range)?, name)));
+        stuck
+            .map(|((count, bound), name)| {
+                format!(
+                    "the weight of example {name} is {bound} in {} of {} frames and may go no farther: --weight-range free lets it, more handles or examples may need it less",
+                    crate::words::count(count),
+                    crate::words::count(outcome.frames)
+                )
+            })
+            .collect()
+    }
+}
+
+impl MaterialArgs {
+    /// The material for so many examples.
+    pub(super) fn material(&self, examples: usize) -> Material {
+        let usual = if examples > 0 { Material::WITH_EXAMPLES } else { Material::WITHOUT_EXAMPLES };
+        let mut material = match self.shell_weights {
+            Some(ShellWeights::Paper) => Material::PAPER,
+            Some(ShellWeights::Given([stretching, bending, volume])) => Material { stretching, bending, volume, ..usual },
+            None => usual,
+        };
+        if let Some(percent) = self.thickness {
+            material = material.with_thickness(percent / 100.0);
+        }
+        material.from_examples = self.learn_stiffness;
+        material
+    }
+}
+
+/// The examples of a scan, in its unit box, with their names.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Examples {
+    pub names: Vec<String>,
+    pub poses: Vec<Vec<DVec3>>,
+}
+
+impl Examples {
+    /// Reads the files.
+    pub(super) fn read(
+        files: &[PathBuf],
+        scale: ExampleScale,
+        scan: &Scan,
+        unit_box: UnitBox,
+        notes: &mut Notes,
+    ) -> Result<Self> {
+        let mut own = Notes::default();
+        let poses = read_poses(scan, files, &mut own)?;
+        if scale == ExampleScale::One {
+            notes.extend(own);
+        }
+        let mut examples = Self::default();
+        for Pose { name, positions, scale: size } in poses {
+            let factor = if scale == ExampleScale::Auto && size > 0.0 { 1.0 / size } else { 1.0 };
+            examples.names.push(name);
+            examples.poses.push(positions.iter().map(|p| unit_box.enter(*p) * factor).collect());
+        }
+        Ok(examples)
+    }
+}
+
+/// The coarse mesh of a scan with its examples.
+pub(super) fn body(
+    points: &[DVec3],
+    triangles: &[[u32; 3]],
+    examples: &Examples,
+    vertices: Option<u32>,
+    cancel: &dyn Fn() -> Result<()>,
+) -> Result<Body> {
+    Body::build(points, triangles, &examples.poses, vertices.unwrap_or(VERTICES) as usize, cancel)
+}
+
+/// What is to be said of the bending that is left out.
+pub(super) fn remarks(shells: &Shells) -> Option<String> {
+    let (folded, thin) = shells.without_bending();
+    let edges = |count: usize| crate::words::plural(count, "edge");
+    match (folded, thin) {
+        (0, 0) => None,
+        (folded, 0) => {
+            Some(format!("{} of the shell do not resist bending: an example turns them by more than 180\u{b0}", edges(folded)))
+        }
+        (0, thin) => Some(format!("{} of the shell do not resist bending: the triangles beside them have no area", edges(thin))),
+        (folded, thin) => Some(format!(
+            "{} of the shell do not resist bending: {folded} are turned by more than 180\u{b0} in an example, {thin} lie beside triangles without area",
+            edges(folded + thin)
+        )),
+    }
+}
+
+fn parse_positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
+        _ => Err("expected a positive number".into()),
+    }
+}
+
+fn parse_material(text: &str) -> Result<ShellWeights, String> {
+    if text == "paper" {
+        return Ok(ShellWeights::Paper);
+    }
+    let numbers: Vec<f64> = text.split(',').filter_map(|w| w.trim().parse().ok()).collect();
+    match numbers[..] {
+        [l, m, n] if l.is_finite() && l > 0.0 && m.is_finite() && m > 0.0 && n.is_finite() && n >= 0.0 => {
+            Ok(ShellWeights::Given([l, m, n]))
+        }
+        _ => Err("expected 'paper' or three numbers: stretching and bending above 0, volume at least 0".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_of_the_material_are_checked() {
+        assert_eq!(parse_material("paper"), Ok(ShellWeights::Paper));
+        assert_eq!(parse_material("10, 1,500"), Ok(ShellWeights::Given([10.0, 1.0, 500.0])));
+        for bad in ["", "1,2", "0,1,1", "1,1,-1", "1,nan,1", "a,b,c", "1,2,3,4"] {
+            assert!(parse_material(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,346 @@
+//! Gauss–Newton with a line search (Fröhlich & Botsch 2011, §5.2): one code for positions, and for positions with example weights.
+
+use super::geometry::{dihedral, dihedral_gradient, double_area, volume, volume_gradient};
+use super::quadratic::Bounds;
+use super::shell::Shell;
+use super::system::{Direction, Linearization, Pull, System, Unknown};
+use glam::DVec3;
+
+/// The shortest share of a step that is tried.
+const SHORTEST: f64 = 1e-10;
+/// Energy below which there is nothing left to gain.
+const NOTHING: f64 = 1e-24;
+
+/// When the second derivative of stretched edges is part of the matrix. The minimum is the same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Tension {
+    /// Where the full step without it fails.
+    WhenNeeded,
+    /// Always: for pure deformations far from rest.
+    #[cfg_attr(not(test), allow(dead_code))]
+    Always,
+}
+
+/// What is done about the weights of the examples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Weights {
+    /// They are given.
+    Given,
+    /// They are found with the positions.
+    Free { bounds: Bounds, regularization: f64 },
+}
+
+/// When to stop, and how to go.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Settings {
+    pub steps: u32,
+    /// Relative decrease of the energy of a step below which it was the last.
+    pub decrease: f64,
+    /// The same for the root mean square of its moves, in diagonals.
+    pub still: f64,
+    /// Relative damping of the diagonal.
+    pub damping: f64,
+    pub tension: Tension,
+    pub weights: Weights,
+}
+
+/// Where the pulls shall be, and how hard they pull: factors of half the square of a distance.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Goals<'a> {
+    pub positions: &'a [DVec3],
+    pub weights: &'a [f64],
+}
+
+/// Why it ended.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Stop {
+    #[default]
+    Converged,
+    Cap,
+    NoDecrease,
+    /// The matrix could not be factored.
+    Singular,
+}
+
+/// What a minimization amounted to.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Minimum {
+    pub steps: u32,
+    /// Stretching, bending, volume, pulls, weights.
+    pub terms: [f64; 5],
+    /// Root mean square of the moves of the last step, in diagonals.
+    pub still: f64,
+    pub stop: Stop,
+}
+
+impl Minimum {
+    pub fn energy(&self) -> f64 {
+        self.terms.iter().sum()
+    }
+
+    /// What the shell itself resists.
+    pub fn shell(&self) -> f64 {
+        self.terms[..3].iter().sum()
+    }
+}
+
+/// A pull that is not on the surface: a row over vertices, and shares of the outward offsets of triangles, which are held during a step.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Grip {
+    pub pull: Pull,
+    pub offsets: Vec<(u32, f64)>,
+}
+
+/// The minimizer of a shell with its memory.
+#[derive(Debug)]
+pub(super) struct Newton {
+    pub shell: Shell,
+    system: System,
+    pulls: Vec<Pull>,
+    offsets: Vec<Vec<(u32, f64)>>,
+    at: Linearization,
+    wanted_lengths: Vec<f64>,
+    wanted_angles: Vec<f64>,
+    /// Targets of the pulls less their offsets.
+    goals: Vec<DVec3>,
+    forces: Vec<DVec3>,
+    directions: [Direction; 2],
+    trials: [(Vec<DVec3>, Vec<f64>); 2],
+}
+
+impl Newton {
+    /// `held`: vertices that do not move.
+    pub fn new(shell: Shell, held: &[bool], grips: Vec<Grip>) -> Self {
+        let (pulls, offsets): (Vec<_>, Vec<_>) = grips.into_iter().map(|g| (g.pull, g.offsets)).unzip();
+        let system = System::new(&shell, held, &pulls);
+        let (n, k, edges, hinges) =
+            (shell.rest.len(), shell.examples.len(), shell.topology.edges.len(), shell.topology.hinges.len());
+        let direction = Direction { moves: vec![DVec3::ZERO; n], weights: vec![0.0; k] };
+        let trial = (vec![DVec3::ZERO; n], vec![0.0; k]);
+        Self {
+            system,
+            at: Linearization {
+                stretch: vec![0.0; edges],
+                bend: vec![0.0; hinges],
+                swell: 0.0,
+                edges: vec![DVec3::ZERO; edges],
+                lengths: vec![0.0; edges],
+                hinges: vec![[DVec3::ZERO; 4]; hinges],
+                volume: vec![DVec3::ZERO; n],
+            },
+            wanted_lengths: vec![0.0; edges],
+            wanted_angles: vec![0.0; hinges],
+            goals: vec![DVec3::ZERO; pulls.len()],
+            forces: vec![DVec3::ZERO; pulls.len()],
+            pulls,
+            offsets,
+            directions: [direction.clone(), direction],
+            trials: [trial.clone(), trial],
+            shell,
+        }
+    }
+
+    /// Steps from a pose to one of less energy, until one of the settings says that it is enough. Never to one of more.
+    pub fn minimize(&mut self, x: &mut [DVec3], weights: &mut [f64], goals: &Goals<'_>, settings: &Settings) -> Minimum {
+        if let Weights::Free { bounds, .. } = settings.weights {
+            weights.iter_mut().for_each(|w| *w = w.clamp(bounds.least, bounds.most));
+        }
+        self.lead(x, goals);
+        let mut result =
+            Minimum { terms: self.energy(x, weights, goals.weights, settings.weights), stop: Stop::Cap, ..Minimum::default() };
+        let leads = self.offsets.iter().any(|o| !o.is_empty());
+        while result.steps < settings.steps {
+            if leads && result.steps > 0 {
+                self.lead(x, goals);
+                result.terms = self.energy(x, weights, goals.weights, settings.weights);
+            }
+            self.linearize(x, weights);
+            self.force(x, goals.weights);
+            let free = matches!(settings.weights, Weights::Free { .. });
+            self.system.load(&self.shell, &self.at, &self.pulls, &self.forces, free);
+            let before = result.energy();
+            let tries: &[bool] = if settings.tension == Tension::Always { &[true] } else { &[false, true] };
+            let mut best: Option<(usize, [f64; 5], f64)> = None;
+            let mut singular = true;
+            for (slot, &tension) in tries.iter().enumerate() {
+                let unknown = match settings.weights {
+                    Weights::Given => None,
+                    Weights::Free { bounds, regularization } => Some(Unknown { weights, bounds, regularization }),
+                };
+                let direction = &mut self.directions[slot];
+                let (system, shell, at) = (&mut self.system, &self.shell, &self.at);
+                let found = system.direction(shell, at, goals.weights, tension, settings.damping, unknown.as_ref(), direction);
+                if found.is_none() {
+                    continue;
+                }
+                singular = false;
+                let Some((terms, share)) = self.search(slot, x, weights, goals.weights, settings, before) else { continue };
+                let energy: f64 = terms.iter().sum();
+                if best.is_none_or(|(_, other, _)| energy < other.iter().sum()) {
+                    best = Some((slot, terms, share));
+                }
+                if share == 1.0 {
+                    break;
+                }
+            }
+            let Some((slot, terms, share)) = best else {
+                result.stop = if singular { Stop::Singular } else { Stop::NoDecrease };
+                break;
+            };
+            let (moved, reweighted) = &self.trials[slot];
+            x.copy_from_slice(moved);
+            weights.copy_from_slice(reweighted);
+            result.steps += 1;
+            result.terms = terms;
+            let squares: f64 = self.directions[slot].moves.iter().map(|m| m.length_squared()).sum();
+            result.still = share * (squares / x.len().max(1) as f64).sqrt() / self.shell.diagonal;
+            let energy = result.energy();
+            if before - energy < settings.decrease * before || result.still < settings.still || energy < NOTHING {
+                result.stop = Stop::Converged;
+                break;
+            }
+        }
+        result
+    }
+
+    /// The longest share of a step, by halves, that lessens the energy; the pose there is left in the trial.
+    fn search(
+        &mut self,
+        slot: usize,
+        x: &[DVec3],
+        weights: &[f64],
+        pull_weights: &[f64],
+        settings: &Settings,
+        before: f64,
+    ) -> Option<([f64; 5], f64)> {
+        let mut share = 1.0;
+        while share >= SHORTEST {
+            let (mut moved, mut reweighted) = std::mem::take(&mut self.trials[slot]);
+            let direction = &self.directions[slot];
+            for ((to, from), step) in moved.iter_mut().zip(x).zip(&direction.moves) {
+                *to = *from + share * *step;
+            }
+            for ((to, from), step) in reweighted.iter_mut().zip(weights).zip(&direction.weights) {
+                *to = from + share * step;
+            }
+            let terms = self.energy(&moved, &reweighted, pull_weights, settings.weights);
+            self.trials[slot] = (moved, reweighted);
+            if terms.iter().sum::<f64>() < before {
+                return Some((terms, share));
+            }
+            share *= 0.5;
+        }
+        None
+    }
+
+    /// Offsets of the pulls at a pose.
+    fn lead(&mut self, x: &[DVec3], goals: &Goals<'_>) {
+        for ((goal, offsets), position) in self.goals.iter_mut().zip(&self.offsets).zip(goals.positions) {
+            let offset: DVec3 = offsets.iter().map(|&(face, share)| share * outwards(x, self.shell.faces[face as usize])).sum();
+            *goal = *position - offset;
+        }
+    }
+
+    /// Energy of the shell alone.
+    pub fn resisted(&mut self, x: &[DVec3], weights: &[f64]) -> f64 {
+        self.energy(x, weights, &[], Weights::Given).iter().sum()
+    }
+
+    /// Energy of a pose by its terms.
+    fn energy(&mut self, x: &[DVec3], weights: &[f64], pull_weights: &[f64], free: Weights) -> [f64; 5] {
+        let shell = &self.shell;
+        let wanted = shell.wanted(weights, &mut self.wanted_lengths, &mut self.wanted_angles);
+        let (mut stretch, mut bend, mut pull) = (0.0, 0.0, 0.0);
+        for (([a, b], w), wanted) in shell.topology.edges.iter().zip(&shell.stretch).zip(&self.wanted_lengths) {
+            stretch += (w * (x[*a as usize].distance(x[*b as usize]) - wanted)).powi(2);
+        }
+        for ((hinge, w), wanted) in shell.topology.hinges.iter().zip(&shell.bend).zip(&self.wanted_angles) {
+            if *w > 0.0 {
+                bend += (w * (dihedral(x, *hinge) - wanted)).powi(2);
+            }
+        }
+        let swell = if shell.swell > 0.0 {
+            (shell.swell * (volume(x, &shell.faces, &shell.topology.holes) - wanted)).powi(2)
+        } else {
+            0.0
+        };
+        for ((row, goal), weight) in self.pulls.iter().zip(&self.goals).zip(pull_weights).filter(|(_, weight)| **weight > 0.0) {
+            pull += weight * row.apply(x).distance_squared(*goal);
+        }
+        let drawn = match free {
+            Weights::Given => 0.0,
+            Weights::Free { regularization, .. } => {
+                weights.iter().zip(&shell.examples).map(|(w, e)| regularization * e.curvature * w * w).sum::<f64>()
+            }
+        };
+        [stretch, bend, swell, pull, drawn].map(|twice| 0.5 * twice)
+    }
+
+    /// Hinges that are farther than `limit` from their wanted angle, and the middle of the longest of them at rest.
+    pub fn inside_out(&mut self, x: &[DVec3], weights: &[f64], limit: f64) -> (u32, Option<DVec3>) {
+        let shell = &self.shell;
+        shell.wanted(weights, &mut self.wanted_lengths, &mut self.wanted_angles);
+        let (mut count, mut longest) = (0, None::<(f64, DVec3)>);
+        for ((hinge, wanted), w) in shell.topology.hinges.iter().zip(&self.wanted_angles).zip(&shell.bend) {
+            if *w > 0.0 && (dihedral(x, *hinge) - wanted).abs() > limit {
+                count += 1;
+                let [a, b] = [hinge[0], hinge[1]].map(|v| shell.rest[v as usize]);
+                if longest.is_none_or(|(length, _)| a.distance(b) > length) {
+                    longest = Some((a.distance(b), (a + b) * 0.5));
+                }
+            }
+        }
+        (count, longest.map(|(_, place)| place))
+    }
+
+    /// Residuals and their derivatives at a pose.
+    fn linearize(&mut self, x: &[DVec3], weights: &[f64]) {
+        let (shell, at) = (&self.shell, &mut self.at);
+        let wanted = shell.wanted(weights, &mut self.wanted_lengths, &mut self.wanted_angles);
+        for (e, [a, b]) in shell.topology.edges.iter().enumerate() {
+            let along = x[*b as usize] - x[*a as usize];
+            let length = along.length();
+            at.lengths[e] = length;
+            at.stretch[e] = shell.stretch[e] * (length - self.wanted_lengths[e]);
+            at.edges[e] = along * (shell.stretch[e] / length.max(f64::MIN_POSITIVE));
+        }
+        for (h, hinge) in shell.topology.hinges.iter().enumerate() {
+            let w = shell.bend[h];
+            if w > 0.0 {
+                let (angle, gradients) = dihedral_gradient(x, *hinge, shell.floor);
+                at.bend[h] = w * (angle - self.wanted_angles[h]);
+                at.hinges[h] = gradients.map(|g| g * w);
+            } else {
+                at.bend[h] = 0.0;
+                at.hinges[h] = [DVec3::ZERO; 4];
+            }
+        }
+        at.swell = 0.0;
+        if shell.swell > 0.0 {
+            at.swell = shell.swell * (volume(x, &shell.faces, &shell.topology.holes) - wanted);
+            volume_gradient(x, &shell.faces, &shell.topology.holes, &mut at.volume);
+            at.volume.iter_mut().for_each(|g| *g *= shell.swell);
+        }
+    }
+
+    fn force(&mut self, x: &[DVec3], pull_weights: &[f64]) {
+        for (((force, pull), goal), weight) in self.forces.iter_mut().zip(&self.pulls).zip(&self.goals).zip(pull_weights) {
+            *force = if *weight > 0.0 { (*goal - pull.apply(x)) * *weight } else { DVec3::ZERO };
+        }
+    }
+}
+
+/// From the centre of a triangle outwards, as long as the root of twice its area.
+pub(super) fn outwards(x: &[DVec3], face: [u32; 3]) -> DVec3 {
+    let normal = double_area(x, face);
+    normal / normal.length().max(f64::MIN_POSITIVE).sqrt()
+}
+
+impl Pull {
+    pub fn apply(&self, x: &[DVec3]) -> DVec3 {
+        self.vertices.iter().zip(&self.values).map(|(&v, c)| x[v as usize] * *c).sum()
+    }
+}
+
+#[cfg(test)]
+mod derivatives;

@@ -1,0 +1,229 @@
+//! The shell deformer and its examples, through the program: an arm whose elbow and shoulder have been bent.
+
+#![allow(clippy::unwrap_used, clippy::print_stderr)]
+
+mod common;
+
+use common::{read_pc2, retarget, retarget_ok};
+use glam::{DMat3, DVec3};
+use serde_json::Value;
+use std::fmt::Write;
+use std::path::Path;
+
+const RINGS: usize = 61;
+const SEGMENTS: usize = 24;
+/// Length of the diagonal of the arm at rest, nearly.
+const DIAGONAL: f64 = 3.1;
+
+/// An arm of length 3 along x, with shoulder and elbow bent by so many degrees; the muscle swells with the elbow.
+fn arm(shoulder: f64, elbow: f64) -> Vec<DVec3> {
+    let smooth = |s: f64, at: f64| {
+        let t = ((s - at) / 0.8 + 0.5).clamp(0.0, 1.0);
+        t * t * (3.0 - 2.0 * t)
+    };
+    let turn = |s: f64| DMat3::from_rotation_z((shoulder * smooth(s, 0.85) + elbow * smooth(s, 1.8)).to_radians());
+    let (mut points, mut centre, mut before) = (Vec::new(), DVec3::ZERO, 0.0);
+    for ring in 0..RINGS {
+        let s = 3.0 * ring as f64 / (RINGS - 1) as f64;
+        centre += (s - before) * 0.5 * (turn(s) * DVec3::X + turn(before) * DVec3::X);
+        before = s;
+        for segment in 0..SEGMENTS {
+            let angle = std::f64::consts::TAU * segment as f64 / SEGMENTS as f64;
+            let muscle = 0.0025 * elbow * (-((s - 1.25) / 0.25).powi(2)).exp() * angle.cos().max(0.0);
+            let radius = (0.3 - 0.1 * smooth(s, 1.9)) * (1.0 + muscle) * (1.0 + 0.02 * (9.0 * angle).sin() * (20.0 * s).sin());
+            points.push(centre + radius * (turn(s) * (DVec3::Y * angle.cos() + DVec3::Z * angle.sin())));
+        }
+    }
+    points.push(DVec3::ZERO);
+    points.push(centre);
+    points
+}
+
+fn faces() -> Vec<[usize; 3]> {
+    let at = |ring: usize, segment: usize| ring * SEGMENTS + segment % SEGMENTS;
+    let mut faces = Vec::new();
+    for ring in 0..RINGS - 1 {
+        for segment in 0..SEGMENTS {
+            let (p, q, u, v) = (at(ring, segment), at(ring, segment + 1), at(ring + 1, segment), at(ring + 1, segment + 1));
+            faces.extend(if (ring + segment) % 2 == 0 { [[p, q, u], [q, v, u]] } else { [[p, q, v], [p, v, u]] });
+        }
+    }
+    let end = RINGS * SEGMENTS;
+    for segment in 0..SEGMENTS {
+        faces.push([at(0, segment + 1), at(0, segment), end]);
+        faces.push([at(RINGS - 1, segment), at(RINGS - 1, segment + 1), end + 1]);
+    }
+    faces
+}
+
+fn write_obj(path: &Path, points: &[DVec3], faces: &[[usize; 3]]) {
+    let mut text = String::new();
+    points.iter().for_each(|p| writeln!(text, "v {} {} {}", p.x, p.y, p.z).unwrap());
+    faces.iter().for_each(|[a, b, c]| writeln!(text, "f {} {} {}", a + 1, b + 1, c + 1).unwrap());
+    std::fs::write(path, text).unwrap();
+}
+
+/// Angles of shoulder and elbow in each frame; the first is at rest.
+fn path() -> Vec<(f64, f64)> {
+    (0..=20).map(|t| f64::from(t) / 10.0).map(|t| (70.0 * t.min(1.0), 100.0 * (t - 1.0).max(0.0))).collect()
+}
+
+/// A folder with the arm, its examples (the elbow's turned and moved), and the table of handles that are led along the path.
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let faces = faces();
+    write_obj(&at("arm.obj"), &arm(0.0, 0.0), &faces);
+    let turn = DMat3::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 2.3);
+    let turned: Vec<DVec3> = arm(0.0, 100.0).iter().map(|p| turn * *p + DVec3::new(3.0, -2.0, 1.0)).collect();
+    write_obj(&at("elbow.obj"), &arm(0.0, 100.0), &faces);
+    write_obj(&at("turned.obj"), &turned, &faces);
+    write_obj(&at("shoulder.obj"), &arm(70.0, 0.0), &faces);
+    let mut table = "frame,name,x,y,z\n".to_owned();
+    for (frame, (shoulder, elbow)) in path().into_iter().enumerate() {
+        let points = arm(shoulder, elbow);
+        for (ring, segment) in
+            [(0, 0), (0, 8), (0, 16), (4, 4), (4, 16), (30, 3), (36, 2), (36, 14), (44, 8), (50, 20), (57, 0), (57, 12)]
+        {
+            let p = points[ring * SEGMENTS + segment];
+            writeln!(table, "{frame},h{ring}_{segment},{},{},{}", p.x, p.y, p.z).unwrap();
+        }
+    }
+    std::fs::write(at("take.csv"), table).unwrap();
+    folder
+}
+
+/// Largest distance of a frame from the arm with these angles, in diagonals.
+fn off(frame: &[[f32; 3]], shoulder: f64, elbow: f64) -> f64 {
+    let truth = arm(shoulder, elbow);
+    frame.iter().zip(&truth).map(|(p, q)| DVec3::from(p.map(f64::from)).distance(*q)).fold(0.0, f64::max) / DIAGONAL
+}
+
+fn points_of(path: &Path) -> Vec<[f32; 3]> {
+    let text = std::fs::read_to_string(path).unwrap();
+    let vertices = text.lines().filter_map(|l| l.strip_prefix("v "));
+    vertices.map(|l| l.split(' ').map(|n| n.parse().unwrap()).collect::<Vec<f32>>().try_into().unwrap()).collect()
+}
+
+#[test]
+fn handles_choose_how_much_of_each_example_is_in_a_frame() {
+    let folder = folder();
+    let run = |more: &[&str]| -> Vec<Vec<[f32; 3]>> {
+        let arguments = ["arm.obj", "take.csv", "--force", "-o", "out.pc2"].iter().chain(more).copied();
+        let said = retarget_ok(folder.path(), arguments);
+        assert!(more.is_empty() || said.contains("shells"), "{said}");
+        read_pc2(&folder.path().join("out.pc2"))
+    };
+    let shells = run(&["--examples", "elbow.obj", "shoulder.obj", "--report", "report.json"]);
+    for (frame, limit) in [(0, 1e-5), (10, 0.005), (20, 0.008)] {
+        let (shoulder, elbow) = path()[frame];
+        let off = off(&shells[frame], shoulder, elbow);
+        eprintln!("frame {frame}: {:.3} % of the diagonal from the truth", 100.0 * off);
+        assert!(off < limit, "frame {frame}: {off}");
+    }
+    let report: Value = serde_json::from_str(&std::fs::read_to_string(folder.path().join("report.json")).unwrap()).unwrap();
+    let names: Vec<&str> = report["decisions"]["examples"].as_array().unwrap().iter().map(|n| n.as_str().unwrap()).collect();
+    assert_eq!(names, ["elbow.obj", "shoulder.obj"]);
+    let weights = |frame: usize| -> Vec<f64> {
+        report["frames"][frame]["weights"].as_array().unwrap().iter().map(|w| w.as_f64().unwrap()).collect()
+    };
+    for (frame, expected) in [(0, [0.0, 0.0]), (10, [0.0, 1.0]), (20, [1.0, 1.0])] {
+        assert!(weights(frame).iter().zip(expected).all(|(w, e)| (w - e).abs() < 0.05), "frame {frame}: {:?}", weights(frame));
+    }
+    // The same without what the examples know, and with an example that lies elsewhere.
+    let volumetric = run(&[]);
+    let without = off(&volumetric[20], 70.0, 100.0);
+    assert!(without > 4.0 * off(&shells[20], 70.0, 100.0), "{without}");
+    let turned = run(&["--examples", "turned.obj", "shoulder.obj"]);
+    for (a, b) in turned.iter().flatten().zip(shells.iter().flatten()) {
+        assert!((0..3).all(|k| (a[k] - b[k]).abs() < 1e-4), "{a:?} {b:?}");
+    }
+}
+
+#[test]
+fn outputs_are_the_same_bytes_for_any_number_of_threads() {
+    let folder = folder();
+    let run = |threads: &str| {
+        let examples = ["--examples", "elbow.obj", "shoulder.obj", "--proxy-vertices", "300"];
+        let arguments = ["arm.obj", "take.csv", "--force", "-o", "out.pc2", "--threads", threads];
+        retarget_ok(folder.path(), arguments.iter().chain(&examples));
+        std::fs::read(folder.path().join("out.pc2")).unwrap()
+    };
+    let one = run("1");
+    assert!(one == run("2") && one == run("3"));
+}
+
+#[test]
+fn a_pose_of_another_mesh_is_refused_with_what_differs() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    let mut other = faces();
+    other[811].swap(1, 2);
+    write_obj(&at("faces.obj"), &arm(0.0, 50.0), &other);
+    let mut more = arm(0.0, 50.0);
+    more.push(DVec3::ZERO);
+    write_obj(&at("more.obj"), &more, &faces());
+    for (arguments, words, code) in [
+        (vec!["--examples", "elbow.obj", "faces.obj"], vec!["faces.obj", "face 812"], 3),
+        (vec!["--examples", "more.obj"], vec!["more.obj", "1,467 vertices where arm.obj has 1,466"], 3),
+        (vec!["--examples", "none.obj"], vec!["none.obj"], 1),
+        (vec!["--examples", "elbow.obj", "--method", "volumetric"], vec!["--method volumetric"], 2),
+        (vec!["--method", "shells", "--proxy", "p.mesh"], vec!["--proxy"], 2),
+    ] {
+        let output = retarget(folder.path(), ["arm.obj", "take.csv", "-o", "out.pc2"].iter().chain(&arguments));
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(code), "{said}");
+        assert!(words.iter().all(|w| said.contains(w)), "{said}");
+        assert!(!at("out.pc2").exists());
+    }
+}
+
+#[test]
+fn an_example_with_its_own_weight_comes_back() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    retarget_ok(folder.path(), ["blend", "arm.obj", "elbow.obj", "shoulder.obj", "--at", "1,0", "-o", "out.obj"]);
+    assert!(off(&points_of(&at("out.obj")), 0.0, 100.0) < 1e-5);
+    // Between and beyond, where the arm is known.
+    let arguments = ["--at", "0,0", "--at", "0,0.5", "--at", "0,1.2", "-o", "seq_##.obj", "--verbose"];
+    let said = retarget_ok(folder.path(), ["blend", "arm.obj", "elbow.obj", "shoulder.obj"].iter().chain(&arguments));
+    for (frame, angle, limit) in [(0, 0.0, 1e-5), (1, 35.0, 0.02), (2, 84.0, 0.02)] {
+        let off = off(&points_of(&at(&format!("seq_{frame:02}.obj"))), angle, 0.0);
+        eprintln!("{angle}: {:.2} % of the diagonal from the arm that is bent so", 100.0 * off);
+        assert!(off < limit, "{angle}: {off}\n{said}");
+    }
+    // The coarse mesh alone is not far.
+    let coarse = ["--at", "0,0.5", "-o", "coarse.obj", "--refine", "0", "--proxy-vertices", "300"];
+    retarget_ok(folder.path(), ["blend", "arm.obj", "elbow.obj", "shoulder.obj"].iter().chain(&coarse));
+    let (fine, coarse) = (points_of(&at("seq_01.obj")), points_of(&at("coarse.obj")));
+    let apart = fine.iter().zip(&coarse).map(|(a, b)| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f32>().sqrt());
+    assert!(f64::from(apart.fold(0.0, f32::max)) < 0.01 * DIAGONAL);
+}
+
+#[test]
+fn weights_may_come_from_a_table_and_what_does_not_fit_is_refused() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("weights.csv"), "elbow,shoulder\n0,0\n0.5,0.5\n").unwrap();
+    std::fs::write(at("bad.csv"), "0,0\n0.5;0.5\n").unwrap();
+    let blend = |more: &[&str]| retarget(folder.path(), ["blend", "arm.obj", "elbow.obj", "shoulder.obj"].iter().chain(more));
+    let ok = blend(&["--weights", "weights.csv", "-o", "out.pc2", "-o", "f_#.ply", "--fps", "24", "--proxy-vertices", "300"]);
+    assert!(ok.status.success(), "{}", String::from_utf8_lossy(&ok.stderr));
+    assert_eq!(read_pc2(&at("out.pc2")).len(), 2);
+    assert!(at("f_0.ply").exists() && at("f_1.ply").exists());
+    for (arguments, words, code) in [
+        (vec!["--at", "0.5", "-o", "x.obj"], vec!["2 examples", "1 weight", "elbow.obj, shoulder.obj"], 2),
+        (vec!["--at", "0,0", "--at", "1,1", "-o", "x.obj"], vec!["one file for 2 frames"], 2),
+        (vec!["--at", "a,b", "-o", "x.obj"], vec!["expected numbers"], 2),
+        (vec!["--weights", "bad.csv", "-o", "x.pc2"], vec!["bad.csv", "line 2"], 1),
+        (vec!["--at", "0,0", "-o", "out.pc2"], vec!["exists already"], 1),
+        (vec!["--at", "0,0", "-o", "elbow.obj", "--force"], vec!["would replace an input"], 2),
+        (vec!["-o", "x.obj"], vec!["--at"], 2),
+    ] {
+        let output = blend(&arguments);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(code), "{said}");
+        assert!(words.iter().all(|w| said.contains(w)), "{said}");
+        assert!(!at("x.obj").exists() && !at("x.pc2").exists());
+    }
+}
