@@ -47,8 +47,10 @@ pub use glam;
 #[cfg(test)]
 extern crate self as retarget;
 
+pub mod batch;
 mod beside;
 pub mod binding;
+pub mod cache;
 pub mod capture;
 pub mod cli;
 pub mod deform;
@@ -58,6 +60,7 @@ pub mod export;
 pub mod fuzz;
 mod gltf;
 pub mod linalg;
+mod opened;
 mod packing;
 pub mod picture;
 pub mod pipeline;
