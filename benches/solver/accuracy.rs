@@ -9,7 +9,7 @@ const QUALITIES: [&str; 3] = ["draft", "default", "converged"];
 
 pub fn run() {
     println!(
-        "distances of all vertices to the pose of --tolerance 1e-9, mm; passes and milliseconds per frame (median of frames)"
+        "distances of all vertices to the pose of --solve-tolerance 1e-9, mm; passes and milliseconds per frame (median of frames)"
     );
     println!(
         "{:<16} {:<10} {:>8} {:>8} {:>8} {:>8} {:>7} {:>9} {:>9}",
@@ -40,7 +40,7 @@ fn take(name: &str, inputs: &[PathBuf; 2], options: &[&str]) {
         let report: Value = serde_json::from_slice(&std::fs::read(&report).unwrap()).unwrap();
         (read_pc2(&cache), report)
     };
-    let (converged, report) = poses(&["--tolerance", "1e-9"]);
+    let (converged, report) = poses(&["--solve-tolerance", "1e-9"]);
     let millimetres = match report["decisions"]["binding"]["scan_unit"]["value"].as_str().unwrap() {
         "mm" => 1.0,
         "cm" => 10.0,

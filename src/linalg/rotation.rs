@@ -299,13 +299,15 @@ mod tests {
             let trace = |r: DMat3| (0..3).map(|k| r.col(k).dot(f.col(k))).sum::<f64>();
             let scale = s.abs().max_element();
             let (singular, _) = signed_polar(f);
-            prop_assert!((trace(exact) - singular.iter().sum::<f64>()).abs() <= 1e-12 * scale);
+            // Next to rank one the nearest to the warm start is taken, whose trace may lack as much as counts for nothing there.
+            let slack = scale * if singular[1] + singular[2] > 2e-9 * scale { 1e-12 } else { 4e-9 };
+            prop_assert!((trace(exact) - singular.iter().sum::<f64>()).abs() <= slack);
             let start = DMat3::from_axis_angle(axis.xyz().normalize_or(DVec3::X), angle) * exact;
             let mut q = warm(DQuat::from_mat3(&start).normalize());
             extract(&lanes_of(f), &mut q);
             let norm = q.iter().map(|l| l.0[2] * l.0[2]).sum::<f64>();
             prop_assert!((norm - 1.0).abs() < 1e-12);
-            prop_assert!(trace(matrix_of(&q)) <= trace(exact) + 1e-12 * scale);
+            prop_assert!(trace(matrix_of(&q)) <= trace(exact) + slack);
             if singular[1] + singular[2] > 0.05 * scale && scale > 0.0 {
                 prop_assert!(distance(matrix_of(&q), exact) < 1e-7, "{:?} from {angle}", singular);
             }

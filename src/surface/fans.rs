@@ -11,7 +11,10 @@ use std::f32::consts::{FRAC_PI_2, PI};
 const WITHOUT_FACE: [f32; 3] = [0.0, 0.0, 1.0];
 
 /// Vertices per parallel task.
-const CHUNK: usize = 4096;
+const CHUNK: usize = 256;
+
+/// Corners of a fan that are worked on together.
+const AT_ONCE: usize = 8;
 
 /// Normals whose lanes are then handed out to the frames together.
 const GROUP: usize = 32;
@@ -190,11 +193,13 @@ impl<const W: usize> Posed<'_, W> {
     fn normals(&self, first: usize, out: &mut [&mut [[f32; 3]]; W]) {
         let count = out[0].len();
         let mut group = [[[0.0f32; W]; 3]; GROUP];
+        let mut scratch = Scratch::new();
         for begin in (0..count).step_by(GROUP) {
             let end = count.min(begin + GROUP);
             for (v, normal) in (first + begin..first + end).zip(&mut group) {
-                self.normal(v, normal);
+                self.normal(v, &mut scratch, normal);
             }
+            finish(&mut group[..end - begin]);
             for (lane, frame) in out.iter_mut().enumerate() {
                 for (to, normal) in frame.get_mut(begin..end).into_iter().flatten().zip(&group) {
                     *to = [normal[0][lane], normal[1][lane], normal[2][lane]];
@@ -204,18 +209,31 @@ impl<const W: usize> Posed<'_, W> {
     }
 
     #[inline(always)]
-    fn normal(&self, v: usize, normal: &mut Points<W>) {
+    fn normal(&self, v: usize, scratch: &mut Scratch<W>, normal: &mut Points<W>) {
         let at = |v: u32| &self.points[v as usize];
         let mut sum = [[0.0f32; W]; 3];
-        for &[own, next, previous] in self.fans.triangles.of(v) {
-            let (to, from) = (minus(at(next), at(own)), minus(at(previous), at(own)));
-            let turn = cross(&to, &from);
-            let (square, along) = (dot(&turn, &turn), dot(&to, &from));
-            for lane in 0..W {
-                let area = square[lane].sqrt();
-                let weight = if has_size(area) { angle(area, along[lane]) / area } else { 0.0 };
+        for corners in self.fans.triangles.of(v).chunks(AT_ONCE) {
+            let count = corners.len();
+            let Scratch { turns, squares, along, counts } = &mut *scratch;
+            for (k, &[own, next, previous]) in corners.iter().enumerate() {
+                let (to, from) = (minus(at(next), at(own)), minus(at(previous), at(own)));
+                turns[k] = cross(&to, &from);
+                squares[k] = dot(&turns[k], &turns[k]);
+                along[k] = dot(&to, &from);
+            }
+            // Over all corners and lanes in one loop of unknown length: only such a loop becomes vector instructions, choices included.
+            let (weights, counts) = (&mut squares[..count], &mut counts[..count]);
+            let lanes = weights.as_flattened_mut().iter_mut().zip(along[..count].as_flattened());
+            for ((weight, along), counts) in lanes.zip(counts.as_flattened_mut()) {
+                let area = weight.sqrt();
+                *weight = angle(area, *along) / area;
+                *counts = if has_size(area) { u32::MAX } else { 0 };
+            }
+            for ((turn, weight), counts) in turns.iter().zip(weights.iter()).zip(counts.iter()) {
                 for axis in 0..3 {
-                    sum[axis][lane] += if weight > 0.0 { turn[axis][lane] * weight } else { 0.0 };
+                    for lane in 0..W {
+                        sum[axis][lane] += masked(turn[axis][lane] * weight[lane], counts[lane]);
+                    }
                 }
             }
         }
@@ -228,16 +246,52 @@ impl<const W: usize> Posed<'_, W> {
             let (to, from) = (minus(at(next), at(own)), minus(at(previous), at(own)));
             add_corner(&mut sum, &to, &from, &self.units[polygon as usize]);
         }
-        let square = dot(&sum, &sum);
-        for lane in 0..W {
-            let length = square[lane].sqrt();
-            // Cancelled and missing normals alike.
-            let whole = length > 1e-12 && length < f32::INFINITY;
-            for axis in 0..3 {
-                normal[axis][lane] = if whole { sum[axis][lane] / length } else { WITHOUT_FACE[axis] };
+        *normal = sum;
+    }
+}
+
+/// What is known of some corners of a fan: the cross product of their edges, its square, then the weight, the edges' scalar product, and whether they count.
+struct Scratch<const W: usize> {
+    turns: [Points<W>; AT_ONCE],
+    squares: [[f32; W]; AT_ONCE],
+    along: [[f32; W]; AT_ONCE],
+    counts: [[u32; W]; AT_ONCE],
+}
+
+impl<const W: usize> Scratch<W> {
+    #[inline(always)]
+    fn new() -> Self {
+        let zeros = [[0.0; W]; AT_ONCE];
+        Self { turns: [[[0.0; W]; 3]; AT_ONCE], squares: zeros, along: zeros, counts: [[0; W]; AT_ONCE] }
+    }
+}
+
+/// Brings vectors to unit length, cancelled and missing ones alike to what a vertex without a face has.
+#[inline(always)]
+fn finish<const W: usize>(normals: &mut [Points<W>]) {
+    let (mut lengths, mut whole) = ([[0.0f32; W]; GROUP], [[0_u32; W]; GROUP]);
+    let count = normals.len();
+    for (square, normal) in lengths.iter_mut().zip(normals.iter()) {
+        *square = dot(normal, normal);
+    }
+    for (length, whole) in lengths[..count].as_flattened_mut().iter_mut().zip(whole[..count].as_flattened_mut()) {
+        *length = length.sqrt();
+        *whole = if (*length > 1e-12) & (*length < f32::INFINITY) { u32::MAX } else { 0 };
+    }
+    for ((normal, length), whole) in normals.iter_mut().zip(&lengths).zip(&whole) {
+        for axis in 0..3 {
+            for lane in 0..W {
+                let unit = normal[axis][lane] / length[lane];
+                normal[axis][lane] = masked(unit, whole[lane]) + masked(WITHOUT_FACE[axis], !whole[lane]);
             }
         }
     }
+}
+
+/// The number where the mask is all ones, zero where it is zero: a choice that stays one instruction.
+#[inline(always)]
+fn masked(x: f32, mask: u32) -> f32 {
+    f32::from_bits(x.to_bits() & mask)
 }
 
 /// Adds the unit normal of a polygon times its inner angle; nothing where it has none.

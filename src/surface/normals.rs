@@ -191,6 +191,15 @@ mod tests {
         assert_eq!(n[5], Vec3::Z);
     }
 
+    #[test]
+    fn faces_without_area_or_place_do_not_spoil_their_neighbours() {
+        let points = [DVec3::ZERO, DVec3::Y, DVec3::Z, DVec3::Y * 2.0, DVec3::NAN];
+        for worthless in [&[0, 1, 3][..], &[0, 0, 1], &[0, 1, 4], &[0, 1, 3, 3], &[0, 4, 1, 3], &[0, 1, 3, 3, 1]] {
+            let n = normals(&scan(&points, &[&[0, 1, 2], worthless]));
+            assert!(n[..3].iter().all(|n| n.distance(Vec3::X) < 1e-6), "{worthless:?}: {n:?}");
+        }
+    }
+
     /// Triangles, quads and pentagons at random, some without area, with frames that move by themselves.
     fn mixed() -> (Scan, Vec<Vec<[f32; 3]>>) {
         let mut dice = Dice(4);

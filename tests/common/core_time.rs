@@ -22,7 +22,8 @@ fn thread_clock() -> Option<f64> {
     }
     const THIS_THREAD: i32 = 3;
     let mut time = Time { seconds: 0, nanoseconds: 0 };
-    (clock_gettime(THIS_THREAD, &mut time) == 0).then(|| time.seconds as f64 + time.nanoseconds as f64 * 1e-9)
+    let told = clock_gettime(THIS_THREAD, &mut time) == 0;
+    told.then_some(time.seconds as f64 + time.nanoseconds as f64 * 1e-9)
 }
 
 #[cfg(not(all(target_os = "linux", target_pointer_width = "64")))]

@@ -82,9 +82,9 @@ const FIRM: f64 = 2.0;
 const CUT: f64 = 0.25;
 
 impl Options {
-    /// Tolerance for a preview: errors below about half a thousandth of the body.
+    /// Tolerance for a preview: 99 % of the errors below half a thousandth of the body.
     pub const DRAFT: f64 = 5e-5;
-    /// The default tolerance.
+    /// The default tolerance: 99 % of the errors below a ten-thousandth of the body.
     pub const NORMAL: f64 = 5e-6;
     /// Tolerance for poses that are compared with others: errors around a millionth of the body.
     pub const CONVERGED: f64 = 1e-7;
