@@ -538,8 +538,11 @@ fn a_thing_is_placed_by_the_places_that_the_user_gives_for_some_of_its_markers()
     let on = landmarks_of(&person, &labels_of(&["LFHD", "LASI", "LANK", "RWRA", "RTOE"]));
     let rest: Vec<DVec3> = on.iter().map(|o| o.place).collect();
     let shift = DVec3::new(0.1, 0.02, -0.05);
-    let frames = [rest.clone(), rest.iter().map(|&p| p + shift).collect()];
-    let binding = placed_thing(&person, &["nose", "hoof_1", "hoof_2"], &frames, &labels).unwrap();
+    // Those whose places are given stay; the others move.
+    let given = ["nose", "hoof_1", "hoof_2"];
+    let moved = |(label, &p): (&String, &DVec3)| if given.contains(&label.as_str()) { p } else { p + shift };
+    let frames = [rest.clone(), labels.iter().zip(&rest).map(moved).collect()];
+    let binding = placed_thing(&person, &given, &frames, &labels).unwrap();
     assert_eq!((binding.decisions.align, binding.handles.len()), (Align::Similarity, 5));
     let capture = take(&person, &labels, &frames, 2.1, 0.0);
     for (frame, places) in frames.iter().enumerate() {
@@ -562,15 +565,10 @@ fn places_that_do_not_tell_how_a_thing_lies_are_refused() {
         let error = placed_thing(&person, given, std::slice::from_ref(&rest), &labels).unwrap_err();
         assert!(error.exit_code() == 3 && error.to_string().contains("3 or more"), "{given:?}: {error}");
     }
-    // Four places, one of them on the other side.
-    let mut elsewhere = rest.clone();
-    elsewhere[3] = DVec3::Y * -0.5;
-    let error = placed_thing(&person, &["a", "b", "c", "d"], &[rest.clone(), elsewhere], &labels);
-    assert!(error.is_ok(), "the frame that fits is taken");
-    let capture = take(&person, &labels, &[rest.clone()], 0.0, 0.0);
+    let capture = take(&person, &labels, std::slice::from_ref(&rest), 0.0, 0.0);
     let mut places: std::collections::BTreeMap<String, Marker> =
         labels.iter().zip(&rest).map(|(l, &p)| (l.clone(), Marker::At(p))).collect();
-    places.insert("d".to_owned(), Marker::At(DVec3::Y * -0.5));
+    places.insert("c".to_owned(), Marker::At(DVec3::X * -0.4));
     let space = Space::default();
     let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space, mesh: None };
     let options = Options { markers: places, ..Options::default() };

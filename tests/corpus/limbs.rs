@@ -83,19 +83,19 @@ pub struct Posed {
 }
 
 impl Shafts {
-    /// `joints`: the twelve, in the space of the scan.
-    pub fn new(rest: &[DVec3], joints: [DVec3; 12], stature: f64) -> Self {
+    /// `joints`: the twelve, in the space of the scan; `tips` of the hands, left and right: hands that hang beside the thighs are no thighs.
+    pub fn new(rest: &[DVec3], joints: [DVec3; 12], tips: [DVec3; 2], stature: f64) -> Self {
         let near = |p: DVec3, limb: usize| {
             let (a, b) = (joints[LIMBS[limb].0], joints[LIMBS[limb].1]);
-            let t = (p - a).dot(b - a) / (b - a).length_squared();
-            (p.distance(a.lerp(b, t.clamp(0.0, 1.0))), t)
+            (to_line(p, a, b), (p - a).dot(b - a) / (b - a).length_squared())
         };
         let mut skin: [Vec<usize>; 8] = Default::default();
         for (v, &p) in rest.iter().enumerate() {
             let all = [0, 1, 2, 3, 4, 5, 6, 7].map(|limb| near(p, limb));
             let limb = (0..8).min_by(|&a, &b| all[a].0.total_cmp(&all[b].0)).unwrap();
+            let hand = (0..2).map(|side| to_line(p, joints[6 * side + 2], tips[side])).fold(f64::INFINITY, f64::min);
             let reach = if limb % 4 < 2 { 0.05 } else { 0.08 };
-            if (0.25..0.75).contains(&all[limb].1) && all[limb].0 < reach * stature {
+            if hand > all[limb].0.min(0.06 * stature) && (0.25..0.75).contains(&all[limb].1) && all[limb].0 < reach * stature {
                 skin[limb].push(v);
             }
         }
@@ -119,6 +119,11 @@ impl Shafts {
         }
         out
     }
+}
+
+/// Distance of a point from the line between two others.
+fn to_line(p: DVec3, a: DVec3, b: DVec3) -> f64 {
+    p.distance(a.lerp(b, ((p - a).dot(b - a) / (b - a).length_squared()).clamp(0.0, 1.0)))
 }
 
 /// The rotation that brings points nearest to others, both about their means (Horn 1987: the largest eigenvector of a 4 × 4 matrix).

@@ -13,6 +13,7 @@
 mod common;
 mod limbs;
 mod pairs;
+mod variations;
 
 use rayon::prelude::*;
 use retarget::capture::{self, ReadOptions};

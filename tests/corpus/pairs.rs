@@ -16,10 +16,21 @@ const STRETCHED: f64 = 25.0;
 /// Frames of a pair that are looked at.
 const LOOKS: usize = 12;
 /// Words of the warnings that tell of what can be wrong.
-const TELLING: [&str; 6] = ["facing", "up axis", "hardly a person", "fit", "stretched", "arms touch"];
+const TELLING: [&str; 10] = [
+    "facing",
+    "up axis",
+    "hardly a person",
+    "fit",
+    "stretched",
+    "arms touch",
+    "left and right",
+    "told by their places",
+    "unit",
+    "two people",
+];
 
 /// A body of the table.
-struct Body {
+pub struct Body {
     file: PathBuf,
     up: DVec3,
     facing: DVec3,
@@ -27,29 +38,32 @@ struct Body {
     rest: Vec<DVec3>,
     /// As `inspect` has them.
     joints: Option<[DVec3; 12]>,
+    tips: [DVec3; 2],
     stature: f64,
     /// As other files have them.
     truth: Option<[DVec3; 12]>,
 }
 
 /// A take of the table.
-struct Take {
+pub struct Take {
     file: PathBuf,
     options: Vec<String>,
     up: &'static str,
     unit: &'static str,
     capture: Capture,
     points: Points,
+    /// Up in `capture`.
+    pub along: DVec3,
 }
 
 /// What a pair came to. Lengths in millimetres, shares in per cent, angles in degrees.
 #[derive(Default)]
-struct Row {
+pub struct Row {
     name: String,
-    refused: Option<String>,
+    pub refused: Option<String>,
     /// What is wrong with unit, up, facing, fit or pose.
-    wrong: Vec<String>,
-    warnings: Vec<String>,
+    pub wrong: Vec<String>,
+    pub warnings: Vec<String>,
     align: String,
     surface: Option<(f64, f64)>,
     fit: Option<(f64, f64)>,
@@ -100,20 +114,25 @@ fn known(data: &Path, words: &str) -> Option<[DVec3; 12]> {
 
 impl Body {
     fn read(data: &Path, row: &[&'static str]) -> Self {
-        let file = data.join("meshes").join(row[1]);
+        let truth = row.get(5).and_then(|words| known(data, words));
+        Self::of(data.join("meshes").join(row[1]), numbers(row[2]), numbers(row[3]), row[4], truth)
+    }
+
+    pub fn of(file: PathBuf, up: DVec3, facing: DVec3, unit: &'static str, truth: Option<[DVec3; 12]>) -> Self {
         let output = run(&["inspect", "--json", &file.to_string_lossy()]);
         let found: Value = serde_json::from_slice(&output.stdout).unwrap();
-        let joint = |j: &usize| vector(&at(&found, &format!("body.joints.{j}")));
-        let joints: Vec<DVec3> = limbs::JOINTS.iter().filter_map(joint).collect();
+        let joint = |j: usize| vector(&at(&found, &format!("body.joints.{j}")));
+        let joints: Vec<DVec3> = limbs::JOINTS.into_iter().filter_map(joint).collect();
         Self {
             rest: retarget::scan::read(&file).unwrap().mesh.positions,
             file,
-            up: numbers(row[2]),
-            facing: numbers(row[3]),
-            unit: row[4],
+            up,
+            facing,
+            unit,
             joints: joints.try_into().ok(),
+            tips: [7, 11].map(|j| joint(j).unwrap_or_default()),
             stature: at(&found, "body.stature").as_f64().unwrap_or(f64::NAN),
-            truth: row.get(5).and_then(|words| known(data, words)),
+            truth,
         }
     }
 
@@ -129,22 +148,23 @@ impl Take {
     fn read(data: &Path, row: &[&'static str]) -> Self {
         let path = |name: &str| data.join("motion").join(name);
         let options = row[2].split_whitespace();
-        let capture = capture::read(&path(row[1]), &ReadOptions::default()).unwrap();
-        Self {
-            points: Points::new(capture.motion.points(), row[5], row[6]),
-            file: path(row[1]),
-            options: options
-                .map(|o| if o.contains('/') { path(o).to_string_lossy().into_owned() } else { o.to_owned() })
-                .collect(),
-            up: row[3],
-            unit: row[4],
-            capture,
-        }
+        let options = options.map(|o| if o.contains('/') { path(o).to_string_lossy().into_owned() } else { o.to_owned() });
+        Self::of(path(row[1]), &path(row[1]), options.collect(), (row[3], row[4]), row[5], row[6])
     }
 
-    fn up(&self) -> DVec3 {
-        let axis = ["X", "Y", "Z"].iter().position(|a| self.up.ends_with(a)).unwrap();
-        DVec3::AXES[axis] * if self.up.starts_with('-') { -1.0 } else { 1.0 }
+    /// `truth`: the same motion, in which the points of the joints are found by their names; its up and unit are those of the take.
+    pub fn of(
+        file: PathBuf,
+        truth: &Path,
+        options: Vec<String>,
+        (up, unit): (&'static str, &'static str),
+        points: &str,
+        mirror: &str,
+    ) -> Self {
+        let capture = capture::read(truth, &ReadOptions::default()).unwrap();
+        let axis = ["X", "Y", "Z"].iter().position(|a| up.ends_with(a)).unwrap();
+        let along = DVec3::AXES[axis] * if up.starts_with('-') { -1.0 } else { 1.0 };
+        Self { points: Points::new(capture.motion.points(), points, mirror), file, options, up, unit, capture, along }
     }
 }
 
@@ -188,7 +208,7 @@ fn measured(mut row: Row, report: &Value, body: &Body, take: &Take, frames: &[Ve
         row.wrong.push("no joints to look at".to_owned());
         return row;
     };
-    let shafts = Shafts::new(&body.rest, joints, body.stature);
+    let shafts = Shafts::new(&body.rest, joints, body.tips, body.stature);
     let looks: Vec<usize> =
         (0..LOOKS.min(frames.len())).map(|k| k * (frames.len() - 1) / (LOOKS.min(frames.len()) - 1).max(1)).collect();
     let written: Vec<limbs::Posed> = looks.iter().map(|&k| shafts.posed(&body.rest, &frames[k])).collect();
@@ -197,7 +217,7 @@ fn measured(mut row: Row, report: &Value, body: &Body, take: &Take, frames: &[Ve
     let points = take.capture.motion.points();
     let captured: Vec<_> = numbers.iter().map(|&k| take.points.directions(points, k)).collect();
     let directions: Vec<[DVec3; 8]> = written.iter().map(|p| p.directions).collect();
-    let errors = limbs::errors(&captured, &directions, (take.up(), body.up));
+    let errors = limbs::errors(&captured, &directions, (take.along, body.up));
     let first: Vec<f64> = errors[0].iter().flatten().copied().collect();
     let medians: Vec<(f64, usize)> =
         (0..8).map(|limb| (median(errors.iter().filter_map(|e| e[limb]).collect()), limb)).filter(|m| !m.0.is_nan()).collect();
@@ -215,7 +235,7 @@ fn measured(mut row: Row, report: &Value, body: &Body, take: &Take, frames: &[Ve
     row
 }
 
-fn animate(data: &Path, folder: &Path, body: &Body, take: &Take) -> Row {
+pub fn animate(data: &Path, folder: &Path, body: &Body, take: &Take) -> Row {
     let name = format!("{} | {}", stem(&body.file), stem(&take.file));
     let output = |ending: &str| folder.join(format!("{}.{ending}", name.replace(" | ", "+")));
     let (report, cache) = (output("json"), output("pc2"));
@@ -239,7 +259,7 @@ fn animate(data: &Path, folder: &Path, body: &Body, take: &Take) -> Row {
     Row { refused: Some(said.lines().find(|l| l.starts_with("error")).unwrap_or(&said).to_owned()), wrong, ..row }
 }
 
-fn print(row: &Row) {
+pub fn print(row: &Row) {
     let pair = |p: Option<(f64, f64)>, digits: usize| p.map_or("–".to_owned(), |(a, b)| format!("{a:.digits$} / {b:.digits$}"));
     let (names, said) = (&row.name, row.wrong.join("; "));
     if let Some(why) = &row.refused {
@@ -283,7 +303,10 @@ fn every_body_finds_its_place_in_every_take() {
             println!("| {} | {mean:.1} / {worst:.1} |", stem(&body.file));
         }
     }
-    let pairs: Vec<(&Body, &Take)> = bodies.iter().flat_map(|b| takes.iter().map(move |t| (b, t))).collect();
+    // RETARGET_PAIRS: only pairs with this word in their names.
+    let some = std::env::var("RETARGET_PAIRS").unwrap_or_default();
+    let named = |(b, t): &(&Body, &Take)| format!("{} | {}", stem(&b.file), stem(&t.file)).contains(&some);
+    let pairs: Vec<(&Body, &Take)> = bodies.iter().flat_map(|b| takes.iter().map(move |t| (b, t))).filter(named).collect();
     let rows: Vec<Row> = pairs.par_iter().map(|(body, take)| animate(&data, folder.path(), body, take)).collect();
 
     println!(
@@ -304,10 +327,21 @@ fn every_body_finds_its_place_in_every_take() {
     worst("limb's length %", &|r| r.stretch.abs());
     worst("sliding mm", &|r| r.slip.map_or(f64::NAN, |s| s.1));
     worst("marker off the skin mm", &|r| r.surface.map_or(f64::NAN, |s| s.1));
+    sum("pairs", rows.iter());
+}
+
+/// Whether a warning tells of what can be wrong.
+pub fn tells(warning: &str) -> bool {
+    TELLING.iter().any(|words| warning.contains(words))
+}
+
+/// Prints how many are right; none may be wrong without a word.
+pub fn sum<'a>(what: &str, rows: impl Iterator<Item = &'a Row>) {
+    let rows: Vec<&Row> = rows.collect();
     let done = rows.iter().filter(|r| r.refused.is_none()).count();
-    let warned = |row: &&Row| row.warnings.iter().any(|w| TELLING.iter().any(|x| w.contains(x)));
-    let silent: Vec<&str> = rows.iter().filter(|r| !r.wrong.is_empty() && !warned(r)).map(|r| r.name.as_str()).collect();
-    let loud = rows.iter().filter(|r| !r.wrong.is_empty() && warned(r)).count();
-    println!("pairs: {done} done, {} refused, {loud} wrong and warned, {} wrong and not warned", rows.len() - done, silent.len());
+    let wrong: Vec<&&Row> = rows.iter().filter(|r| !r.wrong.is_empty()).collect();
+    let silent: Vec<&str> = wrong.iter().filter(|r| !r.warnings.iter().any(|w| tells(w))).map(|r| r.name.as_str()).collect();
+    let (refused, loud) = (rows.len() - done, wrong.len() - silent.len());
+    println!("{what}: {done} done, {refused} refused, {loud} wrong and warned, {} wrong and not warned", silent.len());
     assert!(silent.is_empty(), "{silent:?}");
 }
