@@ -59,6 +59,7 @@ pub mod export;
 #[cfg(any(test, fuzzing))]
 pub mod fuzz;
 mod gltf;
+pub mod joints;
 pub mod linalg;
 mod opened;
 mod packing;

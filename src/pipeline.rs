@@ -4,6 +4,7 @@
 
 mod fading;
 pub mod grips;
+pub mod mechanism;
 mod oriented;
 
 use crate::binding::Binding;

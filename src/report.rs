@@ -121,6 +121,10 @@ impl ReportWriter {
             value["weights"] = weights.iter().map(|w| rounded(*w)).collect();
             value["energy"] = rounded(m.stats.energy);
         }
+        if let Some(v) = m.stats.violation {
+            let [axis, limit] = [v.axis, v.limit].map(|x| rounded(x.to_degrees()));
+            value["joints"] = json!({ "gap": rounded(v.gap), "axis_deg": axis, "limit_deg": limit, "slide": rounded(v.slide) });
+        }
         let separator = if self.frames == 0 { "\n" } else { ",\n" };
         self.frames += 1;
         self.buffer += &format!("{separator}{value}");

@@ -44,7 +44,7 @@ pub use limbs::Limbs;
 pub use regions::{Regions, Rules};
 pub use segments::Segment;
 pub use similarity::Similarity;
-pub use skeletons::Role;
+pub use skeletons::{Role, person};
 
 use crate::capture::resample::Sampling;
 use crate::capture::{Capture, MarkerTake};

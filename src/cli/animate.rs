@@ -1,6 +1,7 @@
 //! The main job: read, decide, set up, run, sum up.
 
 use super::args::{Animate, Map};
+use super::articulate;
 use super::console::Console;
 use super::decisions::{
     bind_line, binding_details, binding_json, capture_line, cut, done_line, file_name, oriented_json, outcome_warnings,
@@ -57,36 +58,43 @@ pub(super) fn run(args: &Animate, console: &Console, cancel: Cancel) -> Result<F
     pool.map_err(|e| Error::new(Kind::Usage, format!("cannot start {threads} threads: {e}")).hint("--threads 1"))?;
     args.shells.check(args.proxy.is_some())?;
     let sinks = outputs::sinks(args)?;
-    let setup = Setup::make(args, console, &cancel, start)?;
+    let setup = if articulate::applies(args)? {
+        articulate::not_used(args)?;
+        articulate::set_up(args, console, &cancel, start)?
+    } else {
+        Setup::make(args, console, &cancel, start)?
+    };
     setup.animate(args, console, cancel, sinks, threads > 1)
 }
 
 /// Everything that is decided and computed before the first frame.
-struct Setup {
-    scan: Arc<Scan>,
-    capture: Capture,
+pub(super) struct Setup {
+    pub(super) scan: Arc<Scan>,
+    pub(super) capture: Capture,
     /// Frames to write, counted from 0.
-    range: Range<usize>,
-    unit_box: UnitBox,
-    binding: Binding,
-    proxy: Arc<Proxy>,
-    map: Arc<SurfaceMap>,
-    handles: Vec<Handle>,
-    oriented: Vec<OrientedHandle>,
-    regions: Regions,
-    deformer: Box<dyn Deformer>,
+    pub(super) range: Range<usize>,
+    pub(super) unit_box: UnitBox,
+    pub(super) binding: Binding,
+    pub(super) proxy: Arc<Proxy>,
+    pub(super) map: Arc<SurfaceMap>,
+    pub(super) handles: Vec<Handle>,
+    pub(super) oriented: Vec<OrientedHandle>,
+    pub(super) regions: Regions,
+    pub(super) deformer: Box<dyn Deformer>,
     /// The example poses of a shell.
-    examples: Examples,
-    clock: Clock,
+    pub(super) examples: Examples,
+    /// How frames are solved, in words.
+    pub(super) solve: String,
+    pub(super) clock: Clock,
     /// What was repaired in the capture.
-    repairs: Value,
-    warnings: Vec<String>,
-    start: Instant,
+    pub(super) repairs: Value,
+    pub(super) warnings: Vec<String>,
+    pub(super) start: Instant,
 }
 
 impl Setup {
     fn make(args: &Animate, console: &Console, cancel: &Cancel, start: Instant) -> Result<Self> {
-        let mut clock = Clock { last: start, laps: Vec::new() };
+        let mut clock = Clock::new(start);
         let mut warnings = Vec::new();
         let rig = Rig::read(args)?;
         let cache = args.cache.as_ref().map(|folder| Cache::open(folder, args.cache_size << 20)).transpose()?;
@@ -216,6 +224,7 @@ impl Setup {
             oriented,
             regions,
             deformer,
+            solve: solve_words(args, &examples),
             examples,
             clock,
             repairs,
@@ -248,7 +257,7 @@ impl Setup {
             metres: self.binding.decisions.scan_unit.map(|u| u.value.metres()),
             cancel,
         });
-        console.station("solve", &self.solve_line(args));
+        console.station("solve", &self.solve);
         console.station("write", &args.out.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(" · "));
         for (name, ms) in &self.clock.laps {
             console.detail(&format!("{name}: {}", words::seconds(ms / 1e3)));
@@ -318,19 +327,6 @@ impl Setup {
         Ok(Finished { summary, within })
     }
 
-    fn solve_line(&self, args: &Animate) -> String {
-        if args.shells.are_chosen().unwrap_or(false) {
-            let count = self.examples.names.len();
-            let learnt = if count == 0 {
-                "without examples".into()
-            } else {
-                format!("{}, weights {}", words::plural(count, "example"), args.shells.range_words())
-            };
-            return format!("shells, {learnt}");
-        }
-        solve_line(args)
-    }
-
     fn report_head(&self, args: &Animate) -> Vec<(&'static str, Value)> {
         let name = |p: &Path| p.display().to_string();
         let inputs = json!({
@@ -354,6 +350,20 @@ impl Setup {
         });
         vec![("inputs", inputs), ("decisions", decisions), ("setup_ms", Value::Object(laps))]
     }
+}
+
+/// How frames are solved, in words.
+fn solve_words(args: &Animate, examples: &Examples) -> String {
+    if args.shells.are_chosen().unwrap_or(false) {
+        let count = examples.names.len();
+        let learnt = if count == 0 {
+            "without examples".into()
+        } else {
+            format!("{}, weights {}", words::plural(count, "example"), args.shells.range_words())
+        };
+        return format!("shells, {learnt}");
+    }
+    solve_line(args)
 }
 
 /// `scan.obj · walk.c3d`.
@@ -382,20 +392,24 @@ fn show_unbound(
 }
 
 /// Milliseconds of the parts of the set-up.
-struct Clock {
+pub(super) struct Clock {
     last: Instant,
     laps: Vec<(&'static str, f64)>,
 }
 
 impl Clock {
-    fn lap(&mut self, name: &'static str) {
+    pub(super) fn new(start: Instant) -> Self {
+        Self { last: start, laps: Vec::new() }
+    }
+
+    pub(super) fn lap(&mut self, name: &'static str) {
         let now = Instant::now();
         self.laps.push((name, (now - self.last).as_secs_f64() * 1e3));
         self.last = now;
     }
 }
 
-fn warn(console: &Console, all: &mut Vec<String>, notes: &Notes) {
+pub(super) fn warn(console: &Console, all: &mut Vec<String>, notes: &Notes) {
     for text in notes.iter() {
         console.warning(text);
         all.push(text.to_owned());
@@ -403,15 +417,15 @@ fn warn(console: &Console, all: &mut Vec<String>, notes: &Notes) {
 }
 
 /// What moves the scan.
-struct Captures {
-    capture: Capture,
+pub(super) struct Captures {
+    pub(super) capture: Capture,
     reference: Option<Capture>,
     /// Tables of handles; the first is the capture itself where that is one.
-    tables: Vec<HandleTable>,
+    pub(super) tables: Vec<HandleTable>,
 }
 
 impl Captures {
-    fn frames(&self) -> usize {
+    pub(super) fn frames(&self) -> usize {
         let take = self.capture.motion.points();
         match (take.frames(), self.tables.first()) {
             (0, Some(table)) => table.frames(),
@@ -425,7 +439,7 @@ pub(super) fn is_table(path: &Path) -> bool {
     capture::is_handle_table(path)
 }
 
-fn read_captures(args: &Animate, rig: &Rig) -> Result<Captures> {
+pub(super) fn read_captures(args: &Animate, rig: &Rig) -> Result<Captures> {
     let options = ReadOptions {
         subject: args.subject.clone(),
         rate: args.rate,
@@ -470,7 +484,12 @@ fn rules(args: &Animate, rig: &Rig, binding: &Binding) -> Rules {
 }
 
 /// The capture at `--fps`, cut to the frames that are written and those that lead into them; the first one written keeps its number.
-fn resample(args: &Animate, capture: &mut Capture, binding: &mut Binding, range: Range<usize>) -> Result<Range<usize>> {
+pub(super) fn resample(
+    args: &Animate,
+    capture: &mut Capture,
+    binding: &mut Binding,
+    range: Range<usize>,
+) -> Result<Range<usize>> {
     /// Positions that a take may have.
     const MOST: usize = 1 << 30;
     let Some(rate) = args.fps else { return Ok(range) };

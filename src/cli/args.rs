@@ -48,8 +48,50 @@ pub enum Command {
     Inspect(Inspect),
     /// Interpolate and exaggerate example poses of a mesh by weights
     Blend(Blend),
+    /// Find the joints of a thing made of parts in its shape, and write them as a rig file to be edited
+    Joints(Joints),
     /// Do many takes: a table of scans, captures, outputs and options
     Batch(Batch),
+}
+
+/// Arguments of `retarget joints`.
+#[derive(Debug, Args)]
+pub struct Joints {
+    /// The mesh: objects or groups are its parts, or the pieces that hang together. Decimate it afterwards: coarse meshes have lost their contacts
+    pub model: PathBuf,
+    /// The rig file: parts, joints with axes and ranges, doubtful ones first
+    #[arg(short, long, value_name = "RIG.toml")]
+    pub out: PathBuf,
+    /// Draw the parts with the joints
+    #[arg(long, value_name = "FILE.png")]
+    pub picture: Option<PathBuf>,
+    /// Replace outputs that exist
+    #[arg(long)]
+    pub force: bool,
+    /// What kind of thing it is
+    #[arg(long, value_enum, default_value_t = StyleArg::Mechanism)]
+    pub style: StyleArg,
+    /// Surfaces touch that are no farther apart, in per cent of the model's diagonal
+    #[arg(long, value_name = "PCT", default_value_t = 0.4, value_parser = parse_reach)]
+    pub reach: f64,
+}
+
+/// `--style`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum StyleArg {
+    /// Parts that meet at a flat round face turn on it
+    Mechanism,
+    /// They slide on it
+    Furniture,
+}
+
+impl From<StyleArg> for crate::joints::Style {
+    fn from(style: StyleArg) -> Self {
+        match style {
+            StyleArg::Mechanism => Self::Mechanism,
+            StyleArg::Furniture => Self::Furniture,
+        }
+    }
 }
 
 /// Arguments of `retarget batch`.
@@ -449,6 +491,10 @@ fn parse_rate(text: &str) -> Result<f64, String> {
         .ok()
         .filter(|r| (0.01..=1000.0).contains(r))
         .ok_or_else(|| "expected 0.01 to 1000 frames per second".into())
+}
+
+fn parse_reach(text: &str) -> Result<f64, String> {
+    parse_positive(text).ok().filter(|r| (0.01..=10.0).contains(r)).ok_or_else(|| "expected 0.01 to 10 per cent".into())
 }
 
 fn parse_positive(text: &str) -> Result<f64, String> {

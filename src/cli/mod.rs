@@ -2,11 +2,13 @@
 
 mod animate;
 pub mod args;
+mod articulate;
 mod batch;
 mod blend;
 mod console;
 mod decisions;
 mod inspect;
+mod joints;
 mod outputs;
 mod picture;
 mod rig;
@@ -32,6 +34,11 @@ pub fn run() -> ExitCode {
         (Some(Command::Inspect(inspect)), _) => {
             let console = Console::new(Level::Normal);
             let result = inspect::run(inspect, &console);
+            (console, result)
+        }
+        (Some(Command::Joints(joints)), _) => {
+            let console = Console::new(Level::Normal);
+            let result = joints::run(joints, &console);
             (console, result)
         }
         (Some(Command::Batch(batch)), _) => {

@@ -29,6 +29,11 @@ impl Rig {
         }
     }
 
+    /// What the file says.
+    pub(super) fn file(&self) -> &RigFile {
+        &self.file
+    }
+
     /// The static trial: that of the command line, or that of the file, beside it.
     pub(super) fn reference(&self, args: &Animate) -> Option<PathBuf> {
         // What is frozen needs no second look at the trial.

@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::linalg::SparseRow;
 use glam::{DQuat, DVec3};
 
+pub mod joints;
 pub mod shells;
 pub mod volumetric;
 
@@ -97,6 +98,8 @@ pub struct FrameStats {
     pub fold: Option<DVec3>,
     /// Volume of the tetrahedra against rest.
     pub volume_ratio: f64,
+    /// Of things with joints: how far these were from what they allow, before they were made exact.
+    pub violation: Option<joints::Violation>,
 }
 
 /// The error of a pose over the last step of the solver, as measured; at worst twice that.

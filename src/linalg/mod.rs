@@ -4,7 +4,7 @@ mod cholesky;
 mod dense;
 pub(crate) mod lanes;
 mod ordering;
-mod repeated;
+pub mod repeated;
 pub(crate) mod rotation;
 mod symmetric;
 

@@ -67,6 +67,11 @@ impl SurfaceMap {
         Ok(Self { kind })
     }
 
+    /// The map of given rows, one per scan vertex, over so many points of a proxy.
+    pub fn of_rows(proxy_vertices: usize, rows: impl IntoIterator<Item = SparseRow>) -> Self {
+        Self { kind: Kind::Paper(paper::PaperMap::of_rows(proxy_vertices, rows)) }
+    }
+
     /// Number of scan vertices.
     pub fn len(&self) -> usize {
         match &self.kind {

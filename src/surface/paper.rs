@@ -26,40 +26,31 @@ impl PaperMap {
     pub(super) fn build(proxy: &Proxy, points: &[DVec3]) -> Self {
         let maps = TetMaps::new(proxy);
         let n = proxy.rest.len();
-        let mut map =
-            Self { proxy_vertices: n, starts: vec![0], indices: Indices::new(n), values: Vec::new(), poses: Pool::default() };
+        let mut map = Self::of_rows(n, []);
         let row = |sum: &mut RowSum, &point: &DVec3| {
             maps.row(point, sum);
             sum.take()
         };
         for points in points.chunks(AT_ONCE) {
             let rows: Vec<SparseRow> = points.par_iter().with_min_len(256).map_init(|| RowSum::new(n), row).collect();
-            for row in rows {
-                map.push(row);
-            }
+            map.extend(rows);
         }
         map
     }
 
-    /// The map of rows that are given.
-    pub(super) fn of_rows(proxy_vertices: usize, rows: Vec<SparseRow>) -> Self {
-        let mut map = Self {
-            proxy_vertices,
-            starts: vec![0],
-            indices: Indices::new(proxy_vertices),
-            values: Vec::new(),
-            poses: Pool::default(),
-        };
+    pub(super) fn of_rows(proxy_vertices: usize, rows: impl IntoIterator<Item = SparseRow>) -> Self {
+        let indices = Indices::new(proxy_vertices);
+        let mut map = Self { proxy_vertices, starts: vec![0], indices, values: Vec::new(), poses: Pool::default() };
+        map.extend(rows);
+        map
+    }
+
+    fn extend(&mut self, rows: impl IntoIterator<Item = SparseRow>) {
         for row in rows {
-            map.push(row);
+            self.indices.extend(&row.indices);
+            self.values.extend(row.values);
+            self.starts.push(self.values.len());
         }
-        map
-    }
-
-    fn push(&mut self, row: SparseRow) {
-        self.indices.extend(&row.indices);
-        self.values.extend(row.values);
-        self.starts.push(self.values.len());
     }
 
     pub(super) fn len(&self) -> usize {

@@ -4,17 +4,20 @@
 //!
 //! | section | says |
 //! |---|---|
-//! | `[space]` | `scan_unit`, `scan_up`, `capture_unit`, `capture_up`, `scale`, `yaw`, `flip`, `mirror`, `swap_sides`: as the options of these names |
+//! | `[space]` | `scan_unit`, `scan_up`, `scan_forward` (of a thing made of parts), `capture_unit`, `capture_up`, `scale`, `yaw`, `flip`, `mirror`, `swap_sides`: as the options of these names |
 //! | `[reference]` | `frame`, or `file` of a static trial, beside the rig file unless absolute |
 //! | `[markers]` | label = another label that the dictionary knows, `"ignore"`, a vertex of the scan, or a place `[x, y, z]` in its coordinates |
 //! | `[landmarks]` | joint of the scan (`left_shoulder`, `crown`, …) = a vertex or a place |
 //! | `[skeleton]` | joint of the capture = what it is (`"left elbow"`, `"pelvis"`, …) |
 //! | `[[group]]` | `what` (as `--rigid` takes it), with `rigid = true` or `stiffness = X` |
+//! | `[mesh]`, `[[component]]`, `[[joint]]` | the parts of a thing and how they hang together, as `retarget joints` writes them |
+//! | `[[bind]]`, `[solver]` | what of a capture drives which part, and how parts and joints are solved |
 //! | `[frozen]` | the decisions of one run, see [`Frozen`] |
 //!
 //! What the command line says wins over the file.
 
 mod frozen;
+pub mod mechanism;
 mod spot;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
@@ -30,6 +33,7 @@ use super::select::{Selector, Stiffness};
 use crate::error::{Error, Result};
 use crate::opened;
 use crate::space::{Axis, Unit};
+use mechanism::{BindSection, ComponentSection, JointSection, MeshSection, SolverSection};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -62,6 +66,21 @@ pub struct RigFile {
     /// Rigid and stiffer parts.
     #[serde(rename = "group", skip_serializing_if = "is_default")]
     pub groups: Vec<Group>,
+    /// The mesh of a thing made of parts.
+    #[serde(skip_serializing_if = "is_default")]
+    pub mesh: MeshSection,
+    /// How parts and joints are solved.
+    #[serde(skip_serializing_if = "is_default")]
+    pub solver: SolverSection,
+    /// Its parts.
+    #[serde(rename = "component", skip_serializing_if = "is_default")]
+    pub components: Vec<ComponentSection>,
+    /// Its joints.
+    #[serde(rename = "joint", skip_serializing_if = "is_default")]
+    pub joints: Vec<JointSection>,
+    /// What drives its parts.
+    #[serde(rename = "bind", skip_serializing_if = "is_default")]
+    pub binds: Vec<BindSection>,
     /// The decisions of a run.
     #[serde(skip_serializing_if = "is_default")]
     pub frozen: Option<Frozen>,
@@ -76,6 +95,8 @@ pub struct SpaceSection {
     pub scan_unit: Option<Written<Unit>>,
     #[serde(skip_serializing_if = "is_default")]
     pub scan_up: Option<Written<Axis>>,
+    #[serde(skip_serializing_if = "is_default")]
+    pub scan_forward: Option<Written<Axis>>,
     #[serde(skip_serializing_if = "is_default")]
     pub capture_unit: Option<Written<Unit>>,
     #[serde(skip_serializing_if = "is_default")]
@@ -150,7 +171,7 @@ impl RigFile {
         Self::parse(&text).map_err(|e| e.file(path))
     }
 
-    fn parse(text: &str) -> Result<Self> {
+    pub(crate) fn parse(text: &str) -> Result<Self> {
         let rig: Self = toml::from_str(text).map_err(|e| explained(text, &e))?;
         let finite = |value: Option<f64>| value.is_none_or(f64::is_finite);
         if !finite(rig.space.yaw) || rig.space.scale.is_some_and(|s| !s.is_finite() || s <= 0.0) {
@@ -167,6 +188,7 @@ impl RigFile {
                 rule.map_err(|e| Error::malformed(e).at("[[group]]"))?;
             }
         }
+        mechanism::check(&rig.components, &rig.joints, &rig.binds)?;
         if let Some(frozen) = &rig.frozen {
             frozen.check()?;
         }

@@ -9,6 +9,7 @@ mod grips;
 mod names;
 mod neutral;
 mod own;
+pub mod person;
 mod puppet;
 mod rig;
 mod stance;

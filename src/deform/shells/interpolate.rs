@@ -140,6 +140,7 @@ impl Interpolator {
             passes: minimum.steps,
             step: minimum.still / ERROR_PER_STEP,
             error: Some(minimum.still),
+            violation: None,
             converged: minimum.stop != Stop::Cap,
             recovered: false,
             energy: minimum.energy(),

@@ -230,6 +230,7 @@ impl Shells {
             // A step of Newton's method says how far the step before was off; what is left after it is less.
             step: minimum.still / ERROR_PER_STEP,
             error: Some(minimum.still),
+            violation: None,
             converged: minimum.stop != Stop::Cap || minimum.still < SETTLED,
             recovered,
             energy: minimum.energy(),

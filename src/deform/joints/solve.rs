@@ -1,0 +1,159 @@
+//! Damped Gauss–Newton over rigid motions.
+//!
+//! Every step is taken: with joints as stiff penalties the way down is a narrow curved valley, and steps that had to lower the energy would crawl.
+
+use super::coordinates::{Coordinates, Limits, Violation};
+use super::model::Model;
+use super::rows::{self, Hold, Pose, Weights};
+use super::system::{Part, System};
+use crate::linalg::NotPositive;
+use glam::{DMat3, DQuat, DVec3};
+
+/// The largest turn of a variable in one step, radians: the step is shortened as a whole. Rows are linear in turns only nearby.
+const LARGEST_TURN: f64 = 1.0;
+
+/// What is solved, and its buffers: a step allocates nothing.
+#[derive(Debug)]
+pub(super) struct Solver {
+    pub(super) model: Model,
+    pub(super) weights: Weights,
+    pub(super) holds: Vec<Hold>,
+    /// Hardness of each handle.
+    pub(super) betas: Vec<f64>,
+    system: System,
+    parts: Vec<Part<DMat3>>,
+}
+
+/// What is carried from step to step and from frame to frame.
+#[derive(Clone, Debug, Default)]
+pub(super) struct State {
+    pub(super) pose: Pose,
+    /// Last angle of each joint, unwrapped.
+    pub(super) angles: Vec<f64>,
+    /// Limits that hold.
+    pub(super) limits: Vec<Limits>,
+}
+
+/// How a solve went.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Solved {
+    pub(super) steps: u32,
+    /// Largest entry of the last step: of a turn matrix, or of a place.
+    pub(super) moved: f64,
+    pub(super) energy: f64,
+}
+
+impl Solver {
+    pub(super) fn new(model: Model, holds: Vec<Hold>, betas: Vec<f64>, weights: Weights) -> Result<Self, NotPositive> {
+        let variables = |hold: &Hold| hold.iter().map(|h| h.0 as u32).collect::<Vec<u32>>();
+        let mut groups: Vec<Vec<u32>> = holds.iter().map(variables).collect();
+        groups.extend(model.links.iter().map(|l| vec![l.a as u32, l.b as u32]));
+        groups.extend(model.strains.iter().map(|s| vec![s.a as u32, s.b as u32]));
+        let system = System::new(model.variables(), &groups)?;
+        Ok(Self { model, weights, holds, betas, system, parts: Vec::new() })
+    }
+
+    /// The rest pose.
+    pub(super) fn rest(&self) -> State {
+        State {
+            pose: Pose { turns: vec![DMat3::IDENTITY; self.model.variables()], places: self.model.origins.clone() },
+            angles: vec![0.0; self.model.links.len()],
+            limits: vec![Limits::default(); self.model.links.len()],
+        }
+    }
+
+    /// Entries of the factor.
+    pub(super) fn entries(&self) -> usize {
+        self.system.entries()
+    }
+
+    /// At most `cap` steps, until none moves anything by more than `tolerance`. `stay` is how strongly turns stay near those of `before`.
+    ///
+    /// # Errors
+    /// A pose that is not finite any more.
+    #[allow(clippy::too_many_arguments)]
+    pub(super) fn solve(
+        &mut self,
+        state: &mut State,
+        targets: &[DVec3],
+        presence: &[f64],
+        before: &Pose,
+        stay: f64,
+        cap: u32,
+        tolerance: f64,
+    ) -> Result<Solved, NotPositive> {
+        let mut solved = Solved::default();
+        state.limits.fill(Limits::default());
+        while solved.steps < cap {
+            self.assemble(state, targets, presence, before, stay);
+            solved.energy = self.system.energy;
+            self.system.solve()?;
+            solved.moved = self.step(&mut state.pose);
+            solved.steps += 1;
+            if solved.moved < tolerance {
+                break;
+            }
+        }
+        for (k, link) in self.model.links.iter().enumerate() {
+            state.angles[k] = Coordinates::of(link, &self.model, &state.pose, state.angles[k]).angle;
+        }
+        Ok(solved)
+    }
+
+    /// Energy of a state.
+    pub(super) fn energy(&mut self, state: &mut State, targets: &[DVec3], presence: &[f64], before: &Pose) -> f64 {
+        self.assemble(state, targets, presence, before, 0.0);
+        self.system.energy
+    }
+
+    fn assemble(&mut self, state: &mut State, targets: &[DVec3], presence: &[f64], before: &Pose, stay: f64) {
+        let Self { model, weights, holds, betas, system, parts } = self;
+        system.clear();
+        let pose = &state.pose;
+        for strain in &model.strains {
+            rows::strain(system, weights.strain, pose, model, strain);
+        }
+        for (k, hold) in holds.iter().enumerate() {
+            if presence[k] > 0.0 {
+                rows::handle(system, weights.position * betas[k] * presence[k], pose, hold, targets[k], parts);
+            }
+        }
+        for (k, link) in model.links.iter().enumerate() {
+            let at = Coordinates::of(link, model, pose, state.angles[k]);
+            state.angles[k] = at.angle;
+            state.limits[k] = Limits::of(link, &at, &state.limits[k]);
+            rows::joint(system, weights, pose, model, link, &at, &state.limits[k]);
+        }
+        if stay > 0.0 {
+            for variable in 0..model.variables() {
+                rows::stay(system, weights.position * stay, pose, before, variable);
+            }
+        }
+    }
+
+    /// Applies the step; returns how far it moved anything.
+    fn step(&self, pose: &mut Pose) -> f64 {
+        let count = pose.turns.len();
+        let largest = (0..count).map(|v| self.system.step(v).0.length()).fold(0.0, f64::max);
+        let share = if largest > LARGEST_TURN { LARGEST_TURN / largest } else { 1.0 };
+        let mut moved = 0.0_f64;
+        for v in 0..count {
+            let (turn, shift) = self.system.step(v);
+            let (turn, shift) = (turn * share, shift * share);
+            let quaternion = DQuat::from_scaled_axis(turn) * DQuat::from_mat3(&pose.turns[v]);
+            pose.turns[v] = DMat3::from_quat(quaternion.normalize());
+            pose.places[v] += shift;
+            moved = moved.max(turn.abs().max_element()).max(shift.abs().max_element());
+        }
+        moved
+    }
+
+    /// The worst violation of the joints in a pose.
+    pub(super) fn violation(&self, pose: &Pose, angles: &[f64]) -> Violation {
+        let of = self.model.links.iter().zip(angles).map(|(link, &angle)| {
+            let at = Coordinates::of(link, &self.model, pose, angle);
+            Violation::of(link, &at)
+        });
+        of.fold(Violation::default(), Violation::max)
+    }
+}

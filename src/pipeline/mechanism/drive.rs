@@ -1,0 +1,304 @@
+//! A capture on a thing made of parts: what of it drives which part, and where that has to be in every frame.
+//!
+//! Joints of a person are rebuilt bone by bone: directions are the actor's, lengths the machine's own, the way of the pelvis is scaled by the legs. A foot
+//! that rests stays where it came down.
+
+use super::machine::Machine;
+use super::robot::{Robot, Spot};
+use crate::binding::person::{Joints, Person};
+use crate::deform::Handle;
+use crate::linalg::SparseRow;
+use glam::{DMat3, DQuat, DVec3};
+
+/// Arms of the handles that turn a part, in the unit box.
+const ARM: f64 = 0.05;
+/// A foot rests that is nearer to its lowest than this, in lengths of a leg, and slower than this, in lengths a second.
+const NEAR: f64 = 0.08;
+const SLOW: f64 = 0.4;
+/// Seconds in which a foot that lifts off goes back to its own way.
+const RELEASE: f64 = 0.1;
+
+/// What drives a part.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Drive {
+    /// Joint of the take.
+    pub joint: usize,
+    /// Its name there, or what it is.
+    pub name: String,
+    /// The part and the place on it, in the unit box; for turns the place does not count.
+    pub spot: Spot,
+    /// Of several drives, the one from which the bone to this one goes.
+    pub parent: Option<usize>,
+    /// Against others.
+    pub weight: f64,
+    /// Whether it turns the part instead of moving it.
+    pub turns: bool,
+}
+
+/// How the take stands to the machine.
+#[derive(Clone, Copy, Debug)]
+pub struct Stand {
+    /// Machine's axes from the capture's.
+    pub axes: DQuat,
+    /// Unit box from the capture's unit.
+    pub scale: f64,
+    /// Direction up of the machine.
+    pub up: DVec3,
+    /// Height of the machine's lowest point.
+    pub floor: f64,
+}
+
+/// Drives for a person in a machine, with the names of the take's joints.
+pub fn drives(person: &Person, robot: &Robot, names: &dyn Fn(usize) -> String) -> Vec<Drive> {
+    let mut drives: Vec<Drive> = Vec::new();
+    let mut add = |joint: usize, spot: Spot, parent: Option<usize>, weight: f64, turns: bool| {
+        drives.push(Drive { joint, name: names(joint), spot, parent, weight, turns });
+        Some(drives.len() - 1)
+    };
+    let root = add(person.pelvis, robot.pelvis, None, 1.0, false);
+    for side in 0..2 {
+        let [hip, knee, ankle] = person.legs[side];
+        let [at_hip, at_knee, at_ankle] = robot.legs[side];
+        let hip = add(hip, at_hip, root, 1.0, false);
+        let knee = add(knee, at_knee, hip, 1.0, false);
+        let ankle = add(ankle, at_ankle, knee, 4.0, false);
+        if let Some(toe) = person.toes[side] {
+            add(toe, robot.toes[side], ankle, 1.0, false);
+        }
+    }
+    let neck = person.neck.zip(robot.neck).map(|(joint, spot)| add(joint, spot, root, 1.0, false));
+    let above = neck.flatten().or(root);
+    for side in 0..2 {
+        let [shoulder, elbow, wrist] = person.arms[side];
+        let [at_shoulder, at_elbow, at_wrist] = robot.arms[side];
+        // A person's shoulders move on the trunk, a machine's mostly do not.
+        let shoulder = add(shoulder, at_shoulder, above, 0.3, false);
+        let elbow = add(elbow, at_elbow, shoulder, 1.0, false);
+        add(wrist, at_wrist, elbow, 2.0, false);
+    }
+    add(person.pelvis, robot.pelvis, None, 5.0, true);
+    add(person.chest, (robot.chest, DVec3::ZERO), None, 5.0, true);
+    if let (Some(head), Some(spot)) = (person.head, robot.crown) {
+        add(head, spot, None, 3.0, true);
+    }
+    drives
+}
+
+/// Handles of drives: one for a place, three for a turn.
+pub fn handles(machine: &Machine, drives: &[Drive]) -> Vec<Handle> {
+    let mut handles = Vec::new();
+    for drive in drives {
+        let (part, place) = drive.spot;
+        if drive.turns {
+            let middle =
+                machine.model.parts()[part].points.iter().sum::<DVec3>() / machine.model.parts()[part].points.len() as f64;
+            for (axis, letter) in DVec3::AXES.into_iter().zip(["x", "y", "z"]) {
+                let row = difference(&machine.model.row(part, middle + axis * ARM), &machine.model.row(part, middle));
+                handles.push(Handle { name: format!("{} \u{203a} turn {letter}", drive.name), row, beta: drive.weight });
+            }
+        } else {
+            let row = machine.model.row(part, place);
+            handles.push(Handle { name: drive.name.clone(), row, beta: drive.weight });
+        }
+    }
+    handles
+}
+
+/// A row that tells a direction: of the far point minus the near one.
+fn difference(far: &SparseRow, near: &SparseRow) -> SparseRow {
+    let mut row = SparseRow::default();
+    let mut entries: Vec<(u32, f64)> = far.indices.iter().copied().zip(far.values.iter().copied()).collect();
+    entries.extend(near.indices.iter().copied().zip(near.values.iter().map(|v| -v)));
+    entries.sort_by_key(|e| e.0);
+    for same in entries.chunk_by(|a, b| a.0 == b.0) {
+        row.indices.push(same[0].0);
+        row.values.push(same.iter().map(|s| s.1).sum());
+    }
+    row
+}
+
+/// Makes the targets of drives, frame after frame.
+pub struct Puppeteer<'a> {
+    joints: Joints<'a>,
+    drives: &'a [Drive],
+    stand: Stand,
+    /// Length of the bone to each drive, on the machine.
+    bones: Vec<f64>,
+    /// Where the roots are in the first frame, flat, and their height over the floor there.
+    start: Option<DVec3>,
+    /// Height of the capture's floor, along its own up, and what the machine stands higher than the scaled actor.
+    level: f64,
+    lift: f64,
+    /// Ankle and toe of each foot, the lowest that each comes, and how it rests.
+    feet: Vec<Foot>,
+    rate: f64,
+    /// Length of a leg on the machine.
+    leg: f64,
+    targets: Vec<DVec3>,
+    own: Vec<DVec3>,
+}
+
+/// A foot.
+#[derive(Clone, Debug)]
+struct Foot {
+    ankle: usize,
+    toe: Option<usize>,
+    /// Heights of ankle and toe in the capture when they rest.
+    rest: [f64; 2],
+    last: [Option<DVec3>; 2],
+    /// Where ankle and toe are held.
+    held: [Option<DVec3>; 2],
+    /// How much of the hold is left after lifting off, and by how much the target was moved then.
+    fading: [(f64, DVec3); 2],
+}
+
+impl<'a> Puppeteer<'a> {
+    /// For a take of so many frames. `plant`: whether feet that rest are held.
+    pub fn new(
+        joints: Joints<'a>,
+        drives: &'a [Drive],
+        stand: Stand,
+        person: &Person,
+        frames: usize,
+        rate: f64,
+        plant: bool,
+    ) -> Self {
+        let place = |d: usize| drives[d].spot.1;
+        let bones = drives.iter().map(|d| d.parent.map_or(0.0, |p| d.spot.1.distance(place(p)))).collect();
+        let capture_up = stand.axes.inverse() * stand.up;
+        let quantile = |joint: usize, share: f64| {
+            let step = frames.div_ceil(2000).max(1);
+            let mut heights: Vec<f64> =
+                (0..frames).step_by(step).filter_map(|f| Some(joints.place(Some(f), joint)?.dot(capture_up))).collect();
+            heights.sort_by(f64::total_cmp);
+            heights.get((heights.len() as f64 * share) as usize).copied()
+        };
+        let drive_of = |joint: usize| drives.iter().position(|d| d.joint == joint && !d.turns);
+        let mut feet = Vec::new();
+        for side in 0..2 {
+            let ankle = person.legs[side][2];
+            let Some(at) = drive_of(ankle) else { continue };
+            let toe = person.toes[side].and_then(drive_of);
+            let low = |joint: usize| quantile(joint, 0.05).unwrap_or(0.0);
+            let rest = [low(ankle), person.toes[side].map_or(0.0, low)];
+            feet.push(Foot { ankle: at, toe, rest, last: [None; 2], held: [None; 2], fading: [(0.0, DVec3::ZERO); 2] });
+        }
+        // The ankles of both come to the height at which the machine has them at rest.
+        let level = feet.iter().map(|f| f.rest[0]).fold(f64::INFINITY, f64::min);
+        let level = if level.is_finite() { level } else { 0.0 };
+        let ankles = feet.iter().map(|f| place(f.ankle).dot(stand.up)).fold(f64::INFINITY, f64::min);
+        let lift = if ankles.is_finite() { ankles } else { stand.floor };
+        let count = drives.len();
+        Self {
+            joints,
+            drives,
+            stand,
+            bones,
+            start: None,
+            level,
+            lift,
+            feet: if plant { feet } else { Vec::new() },
+            rate,
+            leg: person.leg * stand.scale,
+            targets: vec![DVec3::NAN; count],
+            own: vec![DVec3::NAN; count],
+        }
+    }
+
+    /// Places of the handles of all drives in a frame, in the unit box; not a number where a joint is missing. Frames in order.
+    pub fn frame(&mut self, frame: usize, out: &mut Vec<DVec3>) {
+        let Stand { axes, scale, up, .. } = self.stand;
+        let place = |joint: usize| self.joints.place(Some(frame), joint).map(|p| axes * p);
+        for (k, drive) in self.drives.iter().enumerate() {
+            let here = place(drive.joint);
+            self.own[k] = here.unwrap_or(DVec3::NAN);
+            if drive.turns {
+                continue;
+            }
+            self.targets[k] = match drive.parent {
+                Some(parent) => {
+                    let direction = (self.own[k] - self.own[parent]).normalize_or_zero();
+                    self.targets[parent] + direction * self.bones[k]
+                }
+                None => {
+                    let at = self.own[k] * scale;
+                    let height = at.dot(up) - self.level * scale + self.lift;
+                    let flat = at - up * at.dot(up);
+                    if self.start.is_none() && flat.is_finite() {
+                        let home = drive.spot.1;
+                        self.start = Some(flat - (home - up * home.dot(up)));
+                    }
+                    flat - self.start.unwrap_or_default() + up * height
+                }
+            };
+        }
+        self.plant();
+        out.clear();
+        for (k, drive) in self.drives.iter().enumerate() {
+            if drive.turns {
+                let turn = self.joints.turn(frame, drive.joint).map(|q| axes * q * axes.inverse());
+                out.extend(DVec3::AXES.map(|e| turn.map_or(DVec3::NAN, |q| q * e * ARM)));
+            } else {
+                out.push(self.targets[k]);
+            }
+        }
+    }
+
+    /// Holds feet that rest, and keeps all above the floor.
+    fn plant(&mut self) {
+        let Stand { scale, up, .. } = self.stand;
+        let fade = 1.0 / (RELEASE * self.rate).max(1.0);
+        let leg = self.leg;
+        for foot in &mut self.feet {
+            let points = [Some(foot.ankle), foot.toe];
+            for (which, k) in points.into_iter().enumerate() {
+                let Some(k) = k else { continue };
+                let here = self.own[k] * scale;
+                let speed = foot.last[which].map_or(f64::INFINITY, |last| here.distance(last) * self.rate);
+                foot.last[which] = here.is_finite().then_some(here);
+                let height = here.dot(up) - foot.rest[which] * scale;
+                let rests = height < NEAR * leg && speed < SLOW * leg && here.is_finite();
+                let home = self.drives[k].spot.1.dot(up);
+                let target = &mut self.targets[k];
+                if rests {
+                    let held = *foot.held[which].get_or_insert_with(|| {
+                        let start = *target + foot.fading[which].1 * foot.fading[which].0;
+                        start - up * (start.dot(up) - home)
+                    });
+                    foot.fading[which] = (1.0, held - *target);
+                    *target = held;
+                } else {
+                    foot.held[which] = None;
+                    let (left, by) = &mut foot.fading[which];
+                    *left = (*left - fade).max(0.0);
+                    *target += *by * *left;
+                    let below = home - target.dot(up);
+                    if below > 0.0 {
+                        *target += up * below;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The capture's up and front onto the machine's.
+pub fn axes(up: DVec3, forward: DVec3, to_up: DVec3, to_forward: DVec3) -> DQuat {
+    let frame = |up: DVec3, forward: DVec3| {
+        let forward = (forward - up * up.dot(forward)).normalize_or(up.any_orthonormal_vector());
+        DMat3::from_cols(forward, up.cross(forward), up)
+    };
+    DQuat::from_mat3(&(frame(to_up, to_forward) * frame(up, forward).transpose()))
+}
+
+/// The front of a person, from hips and shoulders at rest, or in the first frame that shows them.
+pub fn front(joints: &Joints<'_>, person: &Person, frames: usize) -> Option<DVec3> {
+    let up = person.up.value.vector();
+    let at = |frame: Option<usize>| {
+        let place = |j: usize| joints.place(frame, j);
+        let left = place(person.legs[0][0])? - place(person.legs[1][0])? + place(person.arms[0][0])? - place(person.arms[1][0])?;
+        let front = left.cross(up);
+        (front - up * front.dot(up)).try_normalize()
+    };
+    at(None).or_else(|| (0..frames.min(1000)).find_map(|f| at(Some(f))))
+}

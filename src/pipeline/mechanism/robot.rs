@@ -1,0 +1,184 @@
+//! A person in a thing made of parts: which part is the pelvis, and where hips, knees and wrists are, told by how the joints hang together.
+
+use super::machine::Machine;
+use crate::deform::joints::Side;
+use glam::DVec3;
+
+/// A joint of a body at rest: the part that it is bound to, and the place, in the unit box.
+pub type Spot = (usize, DVec3);
+
+/// The joints of a body of parts; left before right.
+#[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)]
+pub struct Robot {
+    pub up: DVec3,
+    pub forward: DVec3,
+    pub pelvis: Spot,
+    pub chest: usize,
+    pub neck: Option<Spot>,
+    /// The top of the head.
+    pub crown: Option<Spot>,
+    /// Shoulder, elbow, wrist.
+    pub arms: [[Spot; 3]; 2],
+    /// Hip, knee, ankle.
+    pub legs: [[Spot; 3]; 2],
+    pub toes: [Spot; 2],
+    /// Height of the lowest point.
+    pub floor: f64,
+}
+
+/// Joints this near to the end of a limb, in its length, belong to the joint at its end, as a hip has three axes.
+const CLUSTER: f64 = 0.2;
+/// Feet are this near to the floor, and heads this near to the top, in heights.
+const LOW: f64 = 0.06;
+
+/// Parts and the joints between them.
+struct Graph<'a> {
+    machine: &'a Machine,
+    /// Neighbour and place of the joint.
+    edges: Vec<Vec<(usize, DVec3)>>,
+}
+
+impl Graph<'_> {
+    /// From one part to another, with the places of the joints passed.
+    fn path(&self, from: usize, to: usize) -> Option<Vec<(usize, DVec3)>> {
+        let mut before = vec![None; self.edges.len()];
+        let mut queue = std::collections::VecDeque::from([from]);
+        let mut seen = vec![false; self.edges.len()];
+        seen[from] = true;
+        while let Some(part) = queue.pop_front() {
+            for &(next, place) in &self.edges[part] {
+                if !std::mem::replace(&mut seen[next], true) {
+                    before[next] = Some((part, place));
+                    queue.push_back(next);
+                }
+            }
+        }
+        let mut path = Vec::new();
+        let mut here = to;
+        while here != from {
+            let (part, place) = before[here]?;
+            path.push((here, place));
+            here = part;
+        }
+        path.reverse();
+        Some(path)
+    }
+
+    /// The part where the ways between three parts meet.
+    fn meeting(&self, a: usize, b: usize, c: usize) -> Option<usize> {
+        let on = |x: usize, y: usize| -> Option<Vec<usize>> {
+            Some(std::iter::once(x).chain(self.path(x, y)?.into_iter().map(|s| s.0)).collect())
+        };
+        let (ab, ac) = (on(a, b)?, on(a, c)?);
+        ab.iter().zip(&ac).take_while(|(p, q)| p == q).last().map(|(p, _)| *p)
+    }
+
+    fn points(&self, part: usize) -> &[DVec3] {
+        &self.machine.model.parts()[part].points
+    }
+}
+
+/// The body in a machine whose up is known; in words what is missing where there is none. `forward`: where the user says so.
+pub fn robot(machine: &Machine, up: DVec3, forward: Option<DVec3>) -> Result<Robot, String> {
+    let count = machine.model.parts().len();
+    let mut edges = vec![Vec::new(); count];
+    for joint in &machine.joints {
+        if let (Side::Part(a), Side::Part(b)) = (joint.a, joint.b) {
+            edges[a].push((b, joint.centre));
+            edges[b].push((a, joint.centre));
+        }
+    }
+    let graph = Graph { machine, edges };
+    let height = |part: usize| {
+        let heights = graph.points(part).iter().map(|p| p.dot(up));
+        heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), h| (lo.min(h), hi.max(h)))
+    };
+    let heights: Vec<(f64, f64)> = (0..count).map(height).collect();
+    let floor = heights.iter().map(|h| h.0).fold(f64::INFINITY, f64::min);
+    let top = heights.iter().map(|h| h.1).fold(f64::NEG_INFINITY, f64::max);
+    let tall = top - floor;
+    let centre = |part: usize| graph.points(part).iter().sum::<DVec3>() / graph.points(part).len() as f64;
+    let flat = |v: DVec3| v - up * v.dot(up);
+
+    // Feet: the two parts on the floor that are farthest from each other along the joints.
+    let low: Vec<usize> = (0..count).filter(|&p| heights[p].0 < floor + LOW * tall && !graph.edges[p].is_empty()).collect();
+    let steps = |a: usize, b: usize| graph.path(a, b).map_or(0, |p| p.len());
+    let pairs = low.iter().flat_map(|&a| low.iter().map(move |&b| (a, b))).filter(|(a, b)| a < b);
+    let feet = pairs.max_by_key(|&(a, b)| steps(a, b)).filter(|&(a, b)| steps(a, b) >= 4).ok_or("no two feet")?;
+    let head = (0..count)
+        .filter(|&p| !graph.edges[p].is_empty() && steps(feet.0, p) > 0)
+        .max_by(|&a, &b| heights[a].1.total_cmp(&heights[b].1))
+        .ok_or("no head")?;
+    let pelvis = graph.meeting(feet.0, feet.1, head).ok_or("no pelvis")?;
+    let side = flat(centre(feet.0) - centre(feet.1)).normalize_or_zero();
+    // Hands: the leaves above the knees that reach farthest to the sides.
+    let mut hands = [None, None];
+    for leaf in (0..count).filter(|&p| graph.edges[p].len() == 1 && p != head && p != feet.0 && p != feet.1) {
+        let path = graph.path(pelvis, leaf).unwrap_or_default();
+        let on_leg = [feet.0, feet.1]
+            .iter()
+            .any(|&f| graph.path(pelvis, f).and_then(|leg| Some(leg.first()?.0 == path.first()?.0)).unwrap_or(false));
+        if on_leg || path.len() < 3 {
+            continue;
+        }
+        let across = (centre(leaf) - centre(pelvis)).dot(side);
+        let slot = usize::from(across < 0.0);
+        if hands[slot].is_none_or(|(far, _)| across.abs() > far) {
+            hands[slot] = Some((across.abs(), leaf));
+        }
+    }
+    let [Some((_, hand_a)), Some((_, hand_b))] = hands else { return Err("no two hands".into()) };
+    let chest = graph.meeting(hand_a, hand_b, pelvis).ok_or("no chest")?;
+
+    let limb = |from: usize, end: usize| -> Option<[Spot; 3]> {
+        let path = graph.path(from, end)?;
+        if path.len() < 2 {
+            return None;
+        }
+        let places: Vec<DVec3> = path.iter().map(|s| s.1).collect();
+        let (first, last) = (places[0], places[places.len() - 1]);
+        let length = places.windows(2).map(|w| w[0].distance(w[1])).sum::<f64>();
+        let near = |p: DVec3, q: DVec3| p.distance(q) < CLUSTER * length;
+        let hip = places.iter().take_while(|p| near(**p, first)).count() - 1;
+        let ankle = places.len() - places.iter().rev().take_while(|p| near(**p, last)).count();
+        let ends = |k: &usize| places[*k].distance(places[hip]).min(places[*k].distance(places[ankle]));
+        let knee = (hip + 1..ankle).max_by(|a, b| ends(a).total_cmp(&ends(b)))?;
+        Some([(from, places[hip]), (path[knee].0, places[knee]), (path[path.len() - 1].0, places[ankle])])
+    };
+    let leg = |foot: usize| limb(pelvis, foot).ok_or("a leg without a knee");
+    let feet = [feet.0, feet.1];
+    // A hand of fingers: the arm ends where the ways to all of them part.
+    let palm = |hand: usize| {
+        let path = graph.path(chest, hand).unwrap_or_default();
+        path.iter().map(|s| s.0).find(|&p| graph.edges[p].len() > 2).unwrap_or(hand)
+    };
+    let arm = |hand: usize| limb(chest, palm(hand)).or_else(|| limb(chest, hand)).ok_or("an arm without an elbow");
+    let mut legs = [leg(feet[0])?, leg(feet[1])?];
+    let mut arms = [arm(hand_a)?, arm(hand_b)?];
+    let toward_toes: DVec3 = (0..2).map(|k| flat(centre(legs[k][2].0) - legs[k][2].1)).sum();
+    let forward = match forward.or(toward_toes.try_normalize()) {
+        Some(forward) => flat(forward - side * side.dot(forward)).try_normalize().ok_or("no front")?,
+        None => return Err("no front".into()),
+    };
+    // Left is up × forward.
+    if up.cross(forward).dot(side) < 0.0 {
+        legs.swap(0, 1);
+        arms.swap(0, 1);
+    }
+    let toes = [0, 1].map(|k| {
+        let part = legs[k][2].0;
+        let ankle = legs[k][2].1;
+        let ahead = |p: &DVec3| (*p - ankle).dot(forward);
+        let tip = graph.points(part).iter().map(ahead).fold(0.0, f64::max);
+        let lowest = heights[part].0;
+        (part, ankle + forward * (0.8 * tip) + up * (lowest - ankle.dot(up)))
+    });
+    let hips = (legs[0][0].1 + legs[1][0].1) * 0.5;
+    let neck = if head == chest { None } else { graph.path(chest, head).and_then(|p| Some((chest, p.first()?.1))) };
+    let crown = neck.and_then(|(_, base)| {
+        let above = base + up * (heights[head].1 - base.dot(up));
+        (heights[head].1 > base.dot(up)).then_some((head, above))
+    });
+    Ok(Robot { up, forward, pelvis: (pelvis, hips), chest, neck, crown, arms, legs, toes, floor })
+}
