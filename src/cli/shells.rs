@@ -10,6 +10,8 @@ use std::path::PathBuf;
 
 /// Vertices of the coarse mesh where nothing else is said.
 const VERTICES: u32 = 1000;
+/// What a frame with a fold is.
+pub(super) const FOLDING: &str = "more than 10 edges of the shell are folded over there";
 /// Share of the frames at a bound from which a weight is told of.
 const OFTEN: f64 = 0.1;
 

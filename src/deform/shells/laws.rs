@@ -290,7 +290,8 @@ fn a_cut_in_the_take_is_solved_as_if_it_began_there() {
 fn edges_that_have_vanished_do_not_spoil_the_rest() {
     let collapse = |mut x: Vec<DVec3>| {
         for (a, b) in [(15 * SEGMENTS + 5, 15 * SEGMENTS + 6), (24 * SEGMENTS + 2, 24 * SEGMENTS + 3)] {
-            x[b] = x[a].lerp(x[b], 1e-9);
+            // They are not gone to the same degree in every pose.
+            x[b] = x[a].lerp(x[b], 1e-9 * (1.0 + x[200].y.abs()));
         }
         x
     };
