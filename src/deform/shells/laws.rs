@@ -287,6 +287,19 @@ fn a_cut_in_the_take_is_solved_as_if_it_began_there() {
 }
 
 #[test]
+fn the_wrist_alone_finds_an_example_at_once() {
+    let (body, all) = (subject(&examples()), handles());
+    let handles: Vec<Handle> = all.iter().enumerate().filter(|(i, _)| *i == 1 || *i > 5).map(|(_, h)| h.clone()).collect();
+    let mut shells = Shells::new(&body, &handles, &[], &Options { bounds: Bounds::CONVEX, ..paper(2) }).unwrap();
+    // Turned, so that rest is no better a start than the examples.
+    let turn = DQuat::from_axis_angle(DVec3::new(1.0, 1.0, -0.5).normalize(), 2.5);
+    let there: Vec<DVec3> = bent(0.0, 100.0).iter().map(|p| turn * *p).collect();
+    shells.start(&targets(&handles, &there)).unwrap();
+    let off = distance(&shells.pose()[..body.vertices()], &there) / 3.0;
+    assert!(off < 1e-3, "{off}: {:?}", shells.weights());
+}
+
+#[test]
 fn edges_that_have_vanished_do_not_spoil_the_rest() {
     let collapse = |mut x: Vec<DVec3>| {
         for (a, b) in [(15 * SEGMENTS + 5, 15 * SEGMENTS + 6), (24 * SEGMENTS + 2, 24 * SEGMENTS + 3)] {
