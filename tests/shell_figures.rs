@@ -8,7 +8,7 @@ mod common;
 
 use common::shared;
 use glam::{DQuat, DVec3};
-use retarget::deform::shells::{Body, Bounds, Interpolator, Material, Options, Shells, SurfaceRows};
+use retarget::deform::shells::{Body, Interpolator, Material, Options, Shells, SurfaceRows};
 use retarget::deform::{Deformer, FrameStats, Grip, Handle, OrientedHandle, Placement, Targets};
 use retarget::error::Notes;
 use retarget::scan::{self, Scan, UnitBox};
@@ -221,44 +221,86 @@ fn figure_7_handles_of_a_turned_example_find_it() {
     }
 }
 
+const RINGS: usize = 121;
+const SEGMENTS: usize = 40;
+
+/// An arm of length 3 along x with waves on its skin, shoulder and elbow bent by so many degrees; the muscle swells with the elbow.
+fn arm(shoulder: f64, elbow: f64) -> Vec<DVec3> {
+    let smooth = |s: f64, at: f64| {
+        let t = ((s - at) / 0.8 + 0.5).clamp(0.0, 1.0);
+        t * t * (3.0 - 2.0 * t)
+    };
+    let turn = |s: f64| DQuat::from_rotation_z((shoulder * smooth(s, 0.85) + elbow * smooth(s, 1.8)).to_radians());
+    let (mut points, mut centre, mut before) = (Vec::new(), DVec3::ZERO, 0.0);
+    for ring in 0..RINGS {
+        let s = 3.0 * ring as f64 / (RINGS - 1) as f64;
+        centre += (s - before) * 0.5 * (turn(s) * DVec3::X + turn(before) * DVec3::X);
+        before = s;
+        for segment in 0..SEGMENTS {
+            let angle = std::f64::consts::TAU * segment as f64 / SEGMENTS as f64;
+            let muscle = 0.0025 * elbow * (-((s - 1.25) / 0.25).powi(2)).exp() * angle.cos().max(0.0);
+            let waves = 1.0 + 0.02 * (9.0 * angle).sin() * (20.0 * s).sin();
+            let radius = (0.3 - 0.1 * smooth(s, 1.9)) * (1.0 + muscle) * waves;
+            points.push(centre + radius * (turn(s) * (DVec3::Y * angle.cos() + DVec3::Z * angle.sin())));
+        }
+    }
+    points.extend([DVec3::ZERO, centre]);
+    points
+}
+
 #[test]
 fn tables_1_and_2_time_and_distance_from_the_whole_mesh() {
-    let Some(human) = set("human_makehuman_male", "00_rest") else { return };
-    // A pose that is not among the examples.
-    let unseen = human.names.iter().position(|n| n.contains("05_run")).unwrap();
-    let examples: Vec<Vec<DVec3>> =
-        human.poses.iter().enumerate().filter(|(i, _)| *i != unseen).map(|(_, x)| x.clone()).collect();
-    let (coarse, fine) = (human.body(1000, &examples), human.body(100_000, &examples));
-    let map = SurfaceMap::build_for_shell(&coarse, &human.points, &human.scan.mesh.faces, &examples);
-    let at = human.spread(40);
-    let between: Vec<DVec3> = human.points.iter().zip(&human.poses[unseen]).map(|(a, b)| a.lerp(*b, 0.25)).collect();
-    let solve = |body: &Body| -> (Vec<DVec3>, f64, f64) {
-        let handles = handles(&SurfaceRows::new(body), &human.points, &at);
-        let options =
-            Options { steps: 100, decrease: 1e-9, still: 1e-8, bounds: Bounds::BOX, ..Options::for_examples(examples.len()) };
+    let (_, faces) = cylinder(3.0, 1.0, RINGS, SEGMENTS);
+    let (rest, examples) = (arm(0.0, 0.0), [arm(0.0, 100.0), arm(70.0, 0.0)]);
+    let diagonal = rest.iter().fold(DVec3::NEG_INFINITY, |m, p| m.max(*p)) - rest.iter().fold(DVec3::INFINITY, |m, p| m.min(*p));
+    let build = |target| Body::build(&rest, &faces, &examples, target, &|| Ok(())).unwrap();
+    let (coarse, fine) = (build(1000), build(100_000));
+    let mut polygons = retarget::scan::Faces::default();
+    faces.iter().for_each(|f| polygons.push(*f));
+    let map = SurfaceMap::build_for_shell(&coarse, &rest, &polygons, &examples);
+    let skin = [(0, 0), (0, 13), (0, 26), (8, 7), (8, 27), (16, 20), (60, 7), (88, 12), (100, 30), (110, 0)]
+        .map(|(r, s)| r * SEGMENTS + s);
+    let centre = |x: &[DVec3], ring: usize| x[ring * SEGMENTS..(ring + 1) * SEGMENTS].iter().sum::<DVec3>() / SEGMENTS as f64;
+    let solve = |body: &Body| -> (Vec<Vec<DVec3>>, f64) {
+        let rows = SurfaceRows::new(body);
+        let places = skin.iter().map(|&v| rest[v]).chain([centre(&rest, 72), centre(&rest, 112)]);
+        let handles: Vec<Handle> =
+            places.enumerate().map(|(i, p)| Handle { name: format!("h{i}"), row: rows.row(p), beta: 1.0 }).collect();
+        let options = Options { steps: 60, decrease: 1e-9, still: 1e-8, ..Options::for_examples(2) };
         let mut shells = Shells::new(body, &handles, &[], &options).unwrap();
-        shells.start(&targets(&between, &at)).unwrap();
+        let (mut poses, mut steps) = (Vec::new(), 0);
         let begin = Instant::now();
-        let mut steps = 0;
-        for share in [0.3, 0.35, 0.4] {
-            let x: Vec<DVec3> = human.points.iter().zip(&human.poses[unseen]).map(|(a, b)| a.lerp(*b, share)).collect();
-            steps += shells.step(&targets(&x, &at)).unwrap().passes;
+        for t in 0..=20 {
+            let t = f64::from(t) / 10.0;
+            let x = arm(70.0 * t.min(1.0), 100.0 * (t - 1.0).max(0.0));
+            let positions = skin.iter().map(|&v| x[v]).chain([centre(&x, 72), centre(&x, 112)]).collect();
+            steps += shells.step(&Targets { positions, presence: vec![1.0; handles.len()] }).unwrap().passes;
+            if t == 0.5 || t == 1.0 || t == 1.5 || t == 2.0 {
+                poses.push(shells.pose().to_vec());
+            }
         }
-        let ms = begin.elapsed().as_secs_f64() * 1e3 / f64::from(steps);
-        (shells.pose().to_vec(), ms, f64::from(steps))
+        (poses, begin.elapsed().as_secs_f64() * 1e3 / f64::from(steps.max(1)))
     };
-    let (small, ms, _) = solve(&coarse);
-    let begin = Instant::now();
-    let mapped = apply(&map, &small);
-    let map_ms = begin.elapsed().as_secs_f64() * 1e3;
-    say("Table 1", "a step with 1,000 vertices and 10 examples", "30 ms (2011)", format!("{ms:.1} ms"));
-    say("Table 1", "7,502 vertices from them", "23 ms (5,000)", format!("{map_ms:.2} ms"));
-    let (whole, ms, _) = solve(&fine);
-    say("Table 1", "a step with 7,502 vertices", "250 ms (5,000)", format!("{ms:.0} ms"));
-    let [rms, most, largest] = spread_of(&mapped, &in_scan(&fine, &whole));
-    let words = format!("rms {:.3} %, 99 % {:.3} %, {:.3} % of D", 100.0 * rms, 100.0 * most, 100.0 * largest);
+    let ((small, ms), (whole, fine_ms)) = (solve(&coarse), solve(&fine));
+    say(
+        "Table 1",
+        "a step with 1,000 vertices",
+        "30 ms (2011)",
+        format!("{ms:.1} ms, {:.0} times as fast as all 4,842", fine_ms / ms),
+    );
+    say("Table 1", "a step with 4,842 vertices", "250 ms (5,000)", format!("{fine_ms:.0} ms"));
+    let mut worst = [0.0_f64; 3];
+    for (small, whole) in small.iter().zip(&whole) {
+        let begin = Instant::now();
+        let mapped = apply(&map, small);
+        let map_ms = begin.elapsed().as_secs_f64() * 1e3;
+        let these = spread_of(&mapped, &in_scan(&fine, whole)).map(|d| d / diagonal.length());
+        worst.iter_mut().zip(these).for_each(|(w, t)| *w = w.max(t));
+        say("Table 1", "4,842 vertices from them", "23 ms (5,000)", format!("{map_ms:.2} ms"));
+    }
+    let words = format!("rms {:.3} %, 99 % {:.3} %, {:.3} % of D", 100.0 * worst[0], 100.0 * worst[1], 100.0 * worst[2]);
     say("Table 2", "distance from the optimum on the whole mesh", "0.23 to 0.77 %", words);
-    assert!(most < 0.01 && rms < 0.002, "{rms} {most} {largest}");
+    assert!(worst[2] < 0.01 && worst[0] < 0.002, "{worst:?}");
 }
 
 fn in_scan(body: &Body, pose: &[DVec3]) -> Vec<DVec3> {

@@ -1,10 +1,10 @@
 //! The main job: read, decide, set up, run, sum up.
 
-use super::args::{Animate, Map};
+use super::args::{Animate, Map, QualityArg};
 use super::articulate;
 use super::console::Console;
 use super::decisions::{
-    bind_line, binding_details, binding_json, capture_line, cut, done_line, file_name, oriented_json, outcome_warnings,
+    FOLDING, bind_line, binding_details, binding_json, capture_line, cut, done_line, file_name, oriented_json, outcome_warnings,
     repair_details, repairs_json, scan_line, solve_line, unbound, within,
 };
 use super::outputs;
@@ -287,7 +287,8 @@ impl Setup {
         progress.finish();
         let mut outcome = result.map_err(|e| interrupted_where(e, &progress, header.frames))?;
 
-        let texts = outcome_warnings(&outcome, self.unit_box.diagonal, metres);
+        let folding = if args.shells.are_chosen()? { shells::FOLDING } else { FOLDING };
+        let texts = outcome_warnings(&outcome, self.unit_box.diagonal, metres, folding);
         texts.iter().chain(&args.shells.weight_warnings(&outcome, &self.examples.names)).for_each(|text| {
             console.warning(text);
             self.warnings.push(text.clone());
@@ -579,7 +580,13 @@ fn deformer(
 ) -> Result<(Box<dyn Deformer>, Notes)> {
     let mut notes = Notes::default();
     if let Some(body) = shell {
-        let options = args.shells.options(body, regions.stiffness.clone(), regions.rigid.clone());
+        let mut options = args.shells.options(body, regions.stiffness.clone(), regions.rigid.clone());
+        (options.still, options.decrease, options.steps) = match (args.iterations, args.quality) {
+            (Some(count), _) => (0.0, 0.0, count),
+            (None, QualityArg::Draft) => (1e-4, 1e-3, 3),
+            (None, QualityArg::Default) => (options.still, options.decrease, options.steps),
+            (None, QualityArg::Converged) => (1e-8, 1e-10, 60),
+        };
         let shells = Shells::new(body, handles, oriented, &options)?;
         shells::remarks(&shells).into_iter().for_each(|text| notes.warn(text));
         return Ok((Box::new(shells), notes));

@@ -197,11 +197,10 @@ impl Poser {
     ) -> Result<Self> {
         let points: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
         let triangles = scan.mesh.vertex_triangles();
-        let material = args.material.material(examples.names.len());
         let level = |vertices: Option<u32>| -> Result<Level> {
             let body =
                 shells::body(&points, &triangles, examples, vertices, &|| cancel.check()).map_err(|e| e.file(&args.rest))?;
-            Ok(Level { solver: Interpolator::new(&body, &material)?, body })
+            Ok(Level { solver: Interpolator::new(&body, &args.material.material(&body))?, body })
         };
         let mut coarse = level(args.proxy_vertices)?;
         let worth = points.len() > WORTH * coarse.body.vertices();

@@ -199,8 +199,11 @@ pub(super) fn solve_line(args: &Animate) -> String {
     }
 }
 
-/// Warnings about the frames, one per kind.
-pub(super) fn outcome_warnings(outcome: &Outcome, diagonal: f64, metres: Option<f64>) -> Vec<String> {
+/// What a frame with a fold is.
+pub(super) const FOLDING: &str = "more than 10 tetrahedra are inside out there";
+
+/// Warnings about the frames, one per kind. `folding`: what a frame with a fold is.
+pub(super) fn outcome_warnings(outcome: &Outcome, diagonal: f64, metres: Option<f64>, folding: &str) -> Vec<String> {
     let mut texts = Vec::new();
     if outcome.held.count() > 0 {
         texts.push(format!("{} without any marker: the pose was held", outcome.held));
@@ -208,10 +211,7 @@ pub(super) fn outcome_warnings(outcome: &Outcome, diagonal: f64, metres: Option<
     if outcome.folds.count() > 0 {
         let parts: Vec<&str> = outcome.folding.iter().take(3).map(|f| f.0).collect();
         let at = if parts.is_empty() { String::new() } else { format!(", {}", parts.join(", ")) };
-        texts.push(format!(
-            "fold at {}{at}: more than 10 tetrahedra are inside out there, so look at deep creases of the skin",
-            outcome.folds
-        ));
+        texts.push(format!("fold at {}{at}: {folding}, so look at deep creases of the skin", outcome.folds));
     }
     if outcome.unsolved.count() > 0 {
         let error = length(outcome.unsolved_error * diagonal, metres);

@@ -10,6 +10,8 @@ use std::path::PathBuf;
 
 /// Vertices of the coarse mesh where nothing else is said.
 const VERTICES: u32 = 1000;
+/// What a frame with a fold is.
+pub(super) const FOLDING: &str = "more than 10 edges of the shell are folded over there";
 /// Share of the frames at a bound from which a weight is told of.
 const OFTEN: f64 = 0.1;
 
@@ -141,7 +143,7 @@ impl ShellArgs {
     /// How the shell is solved.
     pub(super) fn options(&self, body: &Body, stiffness: Vec<f64>, rigid: Vec<Vec<u32>>) -> Options {
         let count = body.examples.len();
-        let material = self.material.material(count);
+        let material = self.material.material(body);
         Options { material, bounds: self.weight_range.bounds(), stiffness, rigid, ..Options::for_examples(count) }
     }
 
@@ -172,16 +174,16 @@ impl ShellArgs {
 }
 
 impl MaterialArgs {
-    /// The material for so many examples.
-    pub(super) fn material(&self, examples: usize) -> Material {
-        let usual = if examples > 0 { Material::WITH_EXAMPLES } else { Material::WITHOUT_EXAMPLES };
+    /// The material of a body.
+    pub(super) fn material(&self, body: &Body) -> Material {
+        let usual = if !body.examples.is_empty() { Material::WITH_EXAMPLES } else { Material::WITHOUT_EXAMPLES };
         let mut material = match self.shell_weights {
             Some(ShellWeights::Paper) => Material::PAPER,
             Some(ShellWeights::Given([stretching, bending, volume])) => Material { stretching, bending, volume, ..usual },
             None => usual,
         };
         if let Some(percent) = self.thickness {
-            material = material.with_thickness(percent / 100.0);
+            material = material.with_thickness(percent / 100.0 / body.edge_of_a_thousand());
         }
         material.from_examples = self.learn_stiffness;
         material
@@ -270,6 +272,21 @@ fn parse_material(text: &str) -> Result<ShellWeights, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_thickness_means_the_same_for_any_number_of_triangles() {
+        let stretching = |rings: usize, segments: usize| {
+            let (points, faces) = crate::deform::shells::shapes::straight(1.0, 0.1, rings, segments);
+            let body = Body::build(&points, &faces, &[], 100_000, &|| Ok(())).expect("a tube");
+            let args = MaterialArgs { thickness: Some(1.0), ..MaterialArgs::default() };
+            args.material(&body).stretching
+        };
+        // λ = μ (3.7 h / t)² with the edge h of a mesh of 1,000 vertices.
+        let edge = ((std::f64::consts::TAU * 0.1 * (1.0 + 0.1)) / 866.0).sqrt();
+        for lambda in [stretching(30, 24), stretching(60, 60)] {
+            assert!((lambda / (3.7 * edge / 0.01).powi(2) - 1.0).abs() < 0.02, "{lambda}");
+        }
+    }
 
     #[test]
     fn weights_of_the_material_are_checked() {

@@ -1,7 +1,7 @@
 //! From a surface with examples to the coarse mesh that is posed, and its proxy for everything that comes after.
 
 use super::decimate::decimate;
-use super::geometry::volume;
+use super::geometry::{double_area, volume};
 use super::newton::outwards;
 use super::topology::Topology;
 use crate::error::{Error, Kind, Notes, Result};
@@ -91,6 +91,12 @@ impl Body {
     /// Number of vertices of the mesh.
     pub fn vertices(&self) -> usize {
         self.proxy.rest.len() - self.proxy.tets.len()
+    }
+
+    /// Length of an edge if the surface had 1,000 vertices: the measure of [`Material::with_thickness`](super::Material::with_thickness).
+    pub fn edge_of_a_thousand(&self) -> f64 {
+        let area = |f: &[u32; 3]| 0.5 * double_area(&self.proxy.rest, *f).length();
+        (self.proxy.boundary.iter().map(area).sum::<f64>() / (0.866 * 1000.0)).sqrt()
     }
 
     /// Positions of the vertices as a pose of the proxy.

@@ -295,6 +295,15 @@ mod tests {
             let small: Vec<DVec3> = coarse.vertices.iter().map(|v| pose[*v as usize]).collect();
             let ratio = volume(&small, &coarse.faces, &[]) / volume(pose, &faces, &[]);
             assert!((ratio - 1.0).abs() < 0.03, "{ratio}");
+            // No triangle looks the other way than the skin around its corners.
+            let mut normals = vec![DVec3::ZERO; pose.len()];
+            for face in &faces {
+                face.iter().for_each(|&v| normals[v as usize] += double_area(pose, *face));
+            }
+            for face in &coarse.faces {
+                let skin: DVec3 = face.iter().map(|&v| normals[coarse.vertices[v as usize] as usize].normalize()).sum();
+                assert!(double_area(&small, *face).normalize().dot(skin) > 0.0, "{face:?}");
+            }
         }
         // Merged vertices are near those that stand for them.
         let far = rest.iter().zip(&coarse.roots).map(|(p, r)| p.distance(rest[coarse.vertices[*r as usize] as usize]));

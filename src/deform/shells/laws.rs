@@ -287,17 +287,33 @@ fn a_cut_in_the_take_is_solved_as_if_it_began_there() {
 }
 
 #[test]
+fn the_wrist_alone_finds_an_example_at_once() {
+    let (body, all) = (subject(&examples()), handles());
+    let handles: Vec<Handle> = all.iter().enumerate().filter(|(i, _)| *i == 1 || *i > 5).map(|(_, h)| h.clone()).collect();
+    let mut shells = Shells::new(&body, &handles, &[], &Options { bounds: Bounds::CONVEX, ..paper(2) }).unwrap();
+    // Turned, so that rest is no better a start than the examples.
+    let turn = DQuat::from_axis_angle(DVec3::new(1.0, 1.0, -0.5).normalize(), 2.5);
+    let there: Vec<DVec3> = bent(0.0, 100.0).iter().map(|p| turn * *p).collect();
+    shells.start(&targets(&handles, &there)).unwrap();
+    let off = distance(&shells.pose()[..body.vertices()], &there) / 3.0;
+    assert!(off < 1e-3, "{off}: {:?}", shells.weights());
+}
+
+#[test]
 fn edges_that_have_vanished_do_not_spoil_the_rest() {
     let collapse = |mut x: Vec<DVec3>| {
         for (a, b) in [(15 * SEGMENTS + 5, 15 * SEGMENTS + 6), (24 * SEGMENTS + 2, 24 * SEGMENTS + 3)] {
-            x[b] = x[a].lerp(x[b], 1e-9);
+            // They are not gone to the same degree in every pose.
+            x[b] = x[a].lerp(x[b], 1e-9 * (1.0 + x[200].y.abs()));
         }
         x
     };
     let (rest, faces) = arm(RINGS, SEGMENTS, Bend::default());
     let body = Body::build(&collapse(rest), &faces, &examples().map(collapse), 100_000, &|| Ok(())).unwrap();
     let handles = handles();
-    let mut shells = Shells::new(&body, &handles, &[], &paper(2)).unwrap();
+    // Weighted by area such edges count little; as printed they would outweigh all others.
+    let options = Options { material: Material::PAPER, ..paper(2) };
+    let mut shells = Shells::new(&body, &handles, &[], &options).unwrap();
     assert!(shells.without_bending().1 > 0);
     for (shoulder, elbow) in &path()[..20] {
         shells.step(&targets(&handles, &collapse(bent(*shoulder, *elbow)))).unwrap();

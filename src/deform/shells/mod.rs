@@ -83,8 +83,8 @@ impl Options {
             regularization: 1e-4,
             hardness: 1e6,
             steps: 5,
-            decrease: 1e-7,
-            still: 1e-6,
+            decrease: 1e-5,
+            still: 2e-5,
             stiffness: Vec::new(),
             rigid: Vec::new(),
         }

@@ -51,8 +51,8 @@ impl Quadratic {
         if (0..k).all(|i| (lo(i)..=hi(i)).contains(&d[i])) {
             return;
         }
-        for i in 0..k {
-            d[i] = if d[i].is_finite() { d[i].clamp(lo(i), hi(i)) } else { 0.0_f64.clamp(lo(i), hi(i)) };
+        for (i, d) in d.iter_mut().enumerate() {
+            *d = if d.is_finite() { *d } else { 0.0 }.clamp(lo(i), hi(i));
         }
         for _ in 0..SWEEPS {
             let mut change = 0.0_f64;

@@ -117,8 +117,10 @@ impl Starts {
                     newton.minimize(&mut pose, &mut shares, &Goals { positions: &positions, weights: goals.weights }, &settings);
                 steps += minimum.steps;
             }
-            let better = best.as_ref().is_none_or(|(other, ..)| !(other.energy() <= minimum.energy()));
-            if better && minimum.energy().is_finite() || best.is_none() {
+            let better = best.as_ref().is_none_or(|(other, ..)| {
+                minimum.energy() < other.energy() || !other.energy().is_finite() && minimum.energy().is_finite()
+            });
+            if better {
                 best = Some((minimum, pose, shares));
             }
         }

@@ -1,11 +1,10 @@
 //! Converged answers of an independent implementation in double precision.
 #![allow(clippy::unwrap_used, clippy::print_stderr)]
 
-use super::geometry::{diagonal, volume};
+use super::geometry::volume;
 use super::newton::{Goals, Grip, Minimum, Newton, Settings, Tension, Weights};
 use super::quadratic::Bounds;
 use super::shell::{Material, Shell};
-use super::system::Pull;
 use crate::linalg::nearest_rotation;
 use glam::{DMat3, DVec3};
 use std::collections::BTreeMap;

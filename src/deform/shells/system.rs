@@ -154,12 +154,6 @@ impl System {
         }
     }
 
-    /// Number of entries of the factor.
-    #[cfg(test)]
-    pub fn entries(&self) -> usize {
-        self.cholesky.entries()
-    }
-
     /// Adds the matrix of the pose: `Σ g gᵀ` over edges, hinges and pulls; with `tension` also the second derivative of stretched edges, which is
     /// positive and has the same pattern.
     fn assemble(&mut self, shell: &Shell, at: &Linearization, pull_weights: &[f64], tension: bool, damping: f64) {
