@@ -1,6 +1,7 @@
 //! Files beside a file that names them.
 
-use std::fs::{self, File};
+use crate::opened;
+use std::fs;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
@@ -38,7 +39,7 @@ fn any_case(path: &Path) -> Option<PathBuf> {
 /// Unreadable, or larger than 1 GiB.
 pub(crate) fn read(path: &Path) -> io::Result<Vec<u8>> {
     let too_large = || Err(io::Error::other("larger than 1 GiB"));
-    let file = File::open(path)?;
+    let file = opened::open(path)?;
     if file.metadata()?.len() > LARGEST {
         return too_large();
     }
@@ -58,7 +59,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("Huge.bin");
         // Sparse: it takes no room on the disk.
-        File::create(&path).unwrap().set_len(LARGEST + 1).unwrap();
+        fs::File::create(&path).unwrap().set_len(LARGEST + 1).unwrap();
         assert_eq!(locate(folder.path(), "textures\\huge.BIN").as_deref(), Some(&*path));
         assert!(read(&path).unwrap_err().to_string().contains("1 GiB"));
         let small = folder.path().join("small.bin");

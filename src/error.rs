@@ -1,5 +1,6 @@
 //! The one public error type, and the warnings that travel with the nouns.
 
+use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -28,6 +29,8 @@ pub enum Kind {
     AboveLimit,
     /// An output that cannot be as exact as was asked for.
     Unreached,
+    /// Some of many takes failed.
+    Failed,
     /// The user asked to stop.
     Interrupted,
 }
@@ -146,7 +149,7 @@ impl fmt::Display for Error {
 impl std::error::Error for Error {}
 
 /// Warnings about doubtful input: each says what was assumed. One entry per kind, with a count in its text; never one per frame.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Notes(Vec<String>);
 
 impl Notes {

@@ -43,8 +43,10 @@
 
 pub use glam;
 
+pub mod batch;
 mod beside;
 pub mod binding;
+pub mod cache;
 pub mod capture;
 pub mod cli;
 pub mod deform;
@@ -54,6 +56,7 @@ pub mod export;
 pub mod fuzz;
 mod gltf;
 pub mod linalg;
+mod opened;
 mod packing;
 pub mod picture;
 pub mod pipeline;

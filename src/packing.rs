@@ -1,8 +1,8 @@
 //! The bytes of a file, and gzip taken away, within bounds: what readers of scans and of captures have in common.
 
 use crate::error::{Error, Kind, Result};
+use crate::opened;
 use flate2::bufread::MultiGzDecoder;
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
@@ -21,7 +21,7 @@ pub(crate) const ALWAYS_ALLOWED: u64 = 64 << 20;
 /// Unreadable, a folder, or larger than 4 GiB.
 pub(crate) fn load(path: &Path, expected: &str) -> Result<Vec<u8>> {
     let unreadable = |e: std::io::Error| Error::unreadable(path, &e);
-    let file = File::open(path).map_err(unreadable)?;
+    let file = opened::open(path).map_err(unreadable)?;
     let about = file.metadata().map_err(unreadable)?;
     if about.is_dir() {
         return Err(Error::new(Kind::Unreadable, "is a folder").file(path).expected(expected));

@@ -6,10 +6,10 @@
 
 use super::{Capture, Cleaning, MarkerTake, Motion};
 use crate::error::{Error, Kind, Notes, Result};
+use crate::opened;
 use crate::space::Space;
 use glam::{DQuat, DVec3};
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
@@ -44,7 +44,7 @@ impl HandleTable {
     /// # Errors
     /// Unreadable files, and rows that break the form, with their line.
     pub fn read(path: &Path) -> Result<Self> {
-        let file = File::open(path).map_err(|e| Error::unreadable(path, &e))?;
+        let file = opened::open(path).map_err(|e| Error::unreadable(path, &e))?;
         let name = |e: Error| if e.file.is_none() { e.file(path) } else { e };
         let mut table = Self::gather(Rows::new(BufReader::new(file)).map_err(name)?).map_err(name)?;
         table.source = path.to_owned();

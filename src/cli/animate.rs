@@ -1,6 +1,6 @@
 //! The main job: read, decide, set up, run, sum up.
 
-use super::args::Animate;
+use super::args::{Animate, Map};
 use super::console::Console;
 use super::decisions::{
     bind_line, binding_details, binding_json, capture_line, cut, done_line, file_name, oriented_json, outcome_warnings,
@@ -9,10 +9,12 @@ use super::decisions::{
 use super::outputs;
 use super::picture::{self, Bound, Unbound};
 use super::rig::Rig;
+use crate::batch::record::Summary;
 use crate::binding::landmarks::Floor;
 use crate::binding::regions::Subject;
 use crate::binding::select::Hold;
 use crate::binding::{self, Binding, Limbs, Regions, Rules, ScanShape, Segment, driven, landmarks};
+use crate::cache::{Cache, Key};
 use crate::capture::handles_csv::HandleTable;
 use crate::capture::resample::Sampling;
 use crate::capture::{self, Capture, ReadOptions, smooth};
@@ -26,24 +28,29 @@ use crate::pipeline::{self, Job, Progress};
 use crate::proxy::rows::HandleRows;
 use crate::proxy::{self, BuildOptions, Proxy, medit};
 use crate::report::{self, ReportWriter};
-use crate::scan::{self, Scan, UnitBox};
+use crate::scan::{self, Faces, Scan, UnitBox};
 use crate::spatial::TriangleTree;
 use crate::surface::SurfaceMap;
 use crate::words;
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
+/// A main job that has written its outputs.
+pub(super) struct Finished {
+    /// It in figures.
+    pub(super) summary: Summary,
+    /// Whether it stays within `--fail-above`.
+    pub(super) within: Result<()>,
+}
+
 /// Runs the main job.
-pub(super) fn run(args: &Animate, console: &Console) -> Result<()> {
+pub(super) fn run(args: &Animate, console: &Console, cancel: Cancel) -> Result<Finished> {
     let start = Instant::now();
-    let cancel = Cancel::default();
-    let on_interrupt = cancel.clone();
-    // Fails only if a handler is set already, which is as good.
-    let _ = ctrlc::set_handler(move || on_interrupt.cancel());
     let threads = args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
     pool.map_err(|e| Error::new(Kind::Usage, format!("cannot start {threads} threads: {e}")).hint("--threads 1"))?;
@@ -78,6 +85,7 @@ impl Setup {
         let mut clock = Clock { last: start, laps: Vec::new() };
         let mut warnings = Vec::new();
         let rig = Rig::read(args)?;
+        let cache = args.cache.as_ref().map(|folder| Cache::open(folder, args.cache_size << 20)).transpose()?;
         let (scan, captures) = rayon::join(|| scan::read(&args.scan), || read_captures(args, &rig));
         let (scan, mut captures) = (scan?, captures?);
         clock.lap("read");
@@ -94,7 +102,7 @@ impl Setup {
         let points: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
         let triangles = scan.mesh.vertex_triangles();
         let (built, bound) = rayon::join(
-            || body(args, &scan, unit_box, &points, &triangles, cancel),
+            || body(args, cache.as_ref(), &scan, unit_box, &points, &triangles, cancel),
             || bind(args, &scan, unit_box, &points, &triangles, &mut captures, &rig),
         );
         let (mut binding, floor) = match bound {
@@ -108,7 +116,7 @@ impl Setup {
             Some(floor) => {
                 let without = without_floor(&scan, unit_box, &floor, &mut binding.notes);
                 let triangles = without.mesh.vertex_triangles();
-                let built = body(args, &without, unit_box, &points, &triangles, cancel);
+                let built = body(args, cache.as_ref(), &without, unit_box, &points, &triangles, cancel);
                 (without, triangles, built)
             }
             None => (scan, triangles, built),
@@ -173,10 +181,15 @@ impl Setup {
             ..Options::default()
         };
         let (map, deformer) = rayon::join(
-            || SurfaceMap::build_by_pieces(&proxy, &points, &scan.mesh.faces, args.map.into()),
+            || map_of(args, cache.as_ref(), &proxy, &points, &scan.mesh.faces),
             || Volumetric::with_oriented(&proxy, &handles, &oriented, &options),
         );
         let (map, deformer) = (Arc::new(map?), deformer?);
+        if let Some(trouble) = cache.and_then(|cache| cache.trouble()) {
+            let mut notes = Notes::default();
+            notes.warn(format!("the cache is not kept: {trouble}"));
+            warn(console, &mut warnings, &notes);
+        }
         if let Some(path) = &args.save_proxy {
             let mut text = Vec::new();
             medit::write(&mut text, &proxy, &unit_box).map_err(|e| Error::unwritable(path, &e))?;
@@ -212,7 +225,7 @@ impl Setup {
         cancel: Cancel,
         sinks: Vec<Box<dyn FrameSink>>,
         overlap: bool,
-    ) -> Result<()> {
+    ) -> Result<Finished> {
         let take = self.binding.take(&self.capture);
         let range = self.range.clone();
         let header = Arc::new(Header {
@@ -281,7 +294,21 @@ impl Setup {
             words::seconds(outcome.finish_ms / 1e3),
             report::peak_megabytes().map_or("unknown".into(), |mb| format!("{mb:.0} MB")),
         ));
-        args.fail_above.map_or(Ok(()), |limit| within(limit, &outcome, &names, metres))
+        let summary = Summary {
+            seconds: total,
+            setup_seconds,
+            peak_mb: report::peak_megabytes(),
+            frames: outcome.frames,
+            vertices: self.scan.mesh.positions.len(),
+            residual_median_mm: outcome.residuals.quantile(0.5),
+            residual_worst_mm: outcome.worst.map(|worst| worst.0),
+            worst_handle: outcome.worst.map(|worst| names[worst.1].to_owned()),
+            worst_frame: outcome.worst.map(|worst| worst.2),
+            volume: outcome.volume,
+            warnings: self.warnings.len(),
+        };
+        let within = args.fail_above.map_or(Ok(()), |limit| within(limit, &outcome, &names, metres));
+        Ok(Finished { summary, within })
     }
 
     fn report_head(&self, args: &Animate) -> Vec<(&'static str, Value)> {
@@ -491,6 +518,7 @@ fn held_components(proxy: &Proxy, handles: &[Handle], oriented: &[OrientedHandle
 }
 
 /// A proxy, with the words of its line.
+#[derive(Serialize, Deserialize)]
 struct Made {
     proxy: Proxy,
     words: String,
@@ -501,9 +529,28 @@ struct Made {
     touching: bool,
 }
 
-/// The proxy: built from the scan, or read from `--proxy`.
+/// The map from the proxy to the scan, from the cache where it is there.
+fn map_of(args: &Animate, cache: Option<&Cache>, proxy: &Proxy, points: &[DVec3], faces: &Faces) -> Result<SurfaceMap> {
+    let of_proxy = |key: Key| {
+        key.plain(&proxy.rest).plain(&proxy.tets).plain(&proxy.boundary).plain(&proxy.boundary_tets).plain(&proxy.components)
+    };
+    let kind = if args.map == Map::Paper { "paper map" } else { "ring map" };
+    let key = || of_proxy(Key::new(kind)).plain(points).plain(&faces.starts).plain(&faces.corners);
+    let Some((cache, key)) = cache.map(|cache| (cache, key())) else {
+        return SurfaceMap::build_by_pieces(proxy, points, faces, args.map.into());
+    };
+    if let Some(map) = cache.get(&key) {
+        return Ok(map);
+    }
+    let map = SurfaceMap::build_by_pieces(proxy, points, faces, args.map.into())?;
+    cache.keep(&key, &map);
+    Ok(map)
+}
+
+/// The proxy: built from the scan, or read from `--proxy`, or from the cache where it is there.
 fn body(
     args: &Animate,
+    cache: Option<&Cache>,
     scan: &Scan,
     unit_box: UnitBox,
     points: &[DVec3],
@@ -521,11 +568,19 @@ fn body(
         return Ok(Made { proxy, words: line, notes, joined: Vec::new(), touching: false });
     }
     let options = BuildOptions { surface_vertices: args.proxy_vertices as usize };
+    let key = Key::new("proxy").plain(points).plain(triangles).plain(&[options.surface_vertices]);
+    if let Some(made) = cache.and_then(|cache| cache.get(&key)) {
+        return Ok(made);
+    }
     let built = proxy::build(points, triangles, &options, &|| cancel.check())
         .map_err(|e| if e.file.is_none() && e.kind != Kind::Interrupted { e.file(&scan.source) } else { e })?;
     let words = format!("{} · {}", built.summary.size(), built.summary.remarks());
     let touching = built.summary.touching > 0;
-    Ok(Made { proxy: built.proxy, words, notes: built.notes, joined: built.joined, touching })
+    let made = Made { proxy: built.proxy, words, notes: built.notes, joined: built.joined, touching };
+    if let Some(cache) = cache {
+        cache.keep(&key, &made);
+    }
+    Ok(made)
 }
 
 fn bind(

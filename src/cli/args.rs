@@ -34,6 +34,53 @@ pub struct Cli {
 pub enum Command {
     /// Say what is in scans, captures and outputs, without writing anything
     Inspect(Inspect),
+    /// Do many takes: a table of scans, captures, outputs and options
+    Batch(Batch),
+}
+
+/// Arguments of `retarget batch`.
+#[derive(Debug, Args)]
+pub struct Batch {
+    /// The takes: CSV with the columns scan, capture, out and long options of the main job, or TOML with [[take]]. Patterns such as takes/*.c3d stand for
+    /// all files that match, each scan with each capture; {scan} and {capture} in other values are the names of the two. Paths are seen from the
+    /// manifest's folder
+    pub manifest: PathBuf,
+    /// Do only this take, counted from 1: what a queue calls
+    #[arg(long, value_name = "N")]
+    pub index: Option<usize>,
+    /// Takes that are done at the same time (default: as many as there are cores); each is a process of its own
+    #[arg(long, value_name = "N", conflicts_with = "index")]
+    pub workers: Option<usize>,
+    /// Threads of each take (default: the cores shared among the workers)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Do finished takes again, and replace outputs that no earlier run of the manifest has written
+    #[arg(long)]
+    pub force: bool,
+    /// Keep what set-up computes of scans in this folder, as --cache of the main job
+    #[arg(long, value_name = "DIR")]
+    pub cache: Option<PathBuf>,
+    /// Say what each take would need of time and memory, and whether it is done already; do nothing
+    #[arg(long, conflicts_with_all = ["index", "workers", "force"])]
+    pub estimate: bool,
+    /// Print the table of results as JSON to standard output
+    #[arg(long, conflicts_with = "index")]
+    pub json: bool,
+    /// Stop when standard input closes
+    #[arg(long, hide = true)]
+    pub until_input_closes: bool,
+    /// Print errors only
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+/// The main job alone, as a manifest has it.
+#[derive(Debug, Parser)]
+#[command(name = "retarget", no_binary_name = true)]
+pub struct Take {
+    /// The main job.
+    #[command(flatten)]
+    pub animate: Animate,
 }
 
 /// Arguments of `retarget inspect`.
@@ -226,6 +273,12 @@ pub struct Animate {
     #[arg(long, hide_short_help = true, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "Solve")]
     pub iterations: Option<u32>,
 
+    /// Keep what set-up computes of the scan in this folder, for other takes of the same scan; the outputs are the same bytes with and without
+    #[arg(long, hide_short_help = true, value_name = "DIR", help_heading = "Machine")]
+    pub cache: Option<PathBuf>,
+    /// Megabytes that the folder of --cache may hold: what was not used for the longest time goes
+    #[arg(long, hide_short_help = true, value_name = "MB", default_value_t = 4096, value_parser = clap::value_parser!(u64).range(1..=1 << 30), requires = "cache", help_heading = "Machine")]
+    pub cache_size: u64,
     /// Threads to use (default: all cores); the outputs are the same bytes for any number
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024), help_heading = "Machine")]
     pub threads: Option<u16>,

@@ -52,6 +52,13 @@ impl Console {
         }
     }
 
+    /// A line of a table.
+    pub(super) fn plain(&self, text: &str) {
+        if self.level != Level::Quiet {
+            eprintln!("{text}");
+        }
+    }
+
     /// A warning: doubtful input, and what was assumed.
     pub(super) fn warning(&self, text: &str) {
         if self.level != Level::Quiet {

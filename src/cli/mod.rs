@@ -2,6 +2,7 @@
 
 mod animate;
 pub mod args;
+mod batch;
 mod console;
 mod decisions;
 mod inspect;
@@ -9,6 +10,7 @@ mod outputs;
 mod picture;
 mod rig;
 
+use crate::export::Cancel;
 use args::{Cli, Command};
 use clap::Parser;
 use console::{Console, Level};
@@ -30,6 +32,11 @@ pub fn run() -> ExitCode {
             let result = inspect::run(inspect, &console);
             (console, result)
         }
+        (Some(Command::Batch(batch)), _) => {
+            let console = Console::new(if batch.quiet { Level::Quiet } else { Level::Normal });
+            let result = batch::run(batch, &console, &interruptible());
+            (console, result)
+        }
         (None, Some(animate)) => {
             let level = match (animate.quiet, animate.verbose) {
                 (true, _) => Level::Quiet,
@@ -37,7 +44,7 @@ pub fn run() -> ExitCode {
                 _ => Level::Normal,
             };
             let console = Console::new(level);
-            let result = animate::run(animate, &console);
+            let result = animate::run(animate, &console, interruptible()).and_then(|finished| finished.within);
             (console, result)
         }
         (None, None) => return ExitCode::from(2),
@@ -49,4 +56,13 @@ pub fn run() -> ExitCode {
             ExitCode::from(error.exit_code())
         }
     }
+}
+
+/// A request to stop that Ctrl-C makes.
+fn interruptible() -> Cancel {
+    let cancel = Cancel::default();
+    let on_interrupt = cancel.clone();
+    // Fails only if a handler is set already, which is as good.
+    let _ = ctrlc::set_handler(move || on_interrupt.cancel());
+    cancel
 }

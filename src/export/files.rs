@@ -14,6 +14,15 @@ pub fn exists(path: &Path) -> bool {
     }
 }
 
+/// Bytes of an output: of the file, or for a pattern with `#` of all frames of it; `None` where there is none.
+pub fn bytes(path: &Path) -> Option<u64> {
+    let Some(pattern) = Pattern::parse(path) else {
+        return fs::metadata(path).ok().filter(fs::Metadata::is_file).map(|f| f.len());
+    };
+    let sizes = pattern.frames_there().into_iter().filter_map(|name| Some(fs::metadata(pattern.folder.join(name)).ok()?.len()));
+    sizes.reduce(|all, one| all + one)
+}
+
 /// Tries whether an output, file or pattern, can be created; leaves nothing behind.
 ///
 /// Errors: [`Kind::Unwritable`] with the system's reason.

@@ -22,7 +22,7 @@ const MISFIT: f64 = 4.0;
 ///
 /// Errors: unreadable file; broken format, with the line; an index without a vertex; a proxy that does not lie at the scan.
 pub fn read(path: &Path, unit_box: &UnitBox) -> Result<(Proxy, Notes)> {
-    let bytes = std::fs::read(path).map_err(|e| Error::unreadable(path, &e))?;
+    let bytes = crate::opened::read(path).map_err(|e| Error::unreadable(path, &e))?;
     parse(&bytes, unit_box).map_err(|e| e.file(path))
 }
 
@@ -48,7 +48,7 @@ pub fn write(out: &mut dyn Write, proxy: &Proxy, unit_box: &UnitBox) -> std::io:
 ///
 /// Errors: unreadable file; broken format, with the line; no vertices or no tetrahedra.
 pub fn look(path: &Path) -> Result<(Vec<DVec3>, usize)> {
-    let bytes = std::fs::read(path).map_err(|e| Error::unreadable(path, &e))?;
+    let bytes = crate::opened::read(path).map_err(|e| Error::unreadable(path, &e))?;
     let file = sections(&bytes).map_err(|e| e.file(path))?;
     match (file.vertices, file.tets) {
         (Some(vertices), Some(tets)) if !vertices.is_empty() && !tets.is_empty() => Ok((vertices, tets.len())),

@@ -1,6 +1,7 @@
 //! Scan → [`Proxy`]: the coarse tetrahedral body that the deformer poses.
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 mod build;
 mod canonical;
@@ -32,7 +33,7 @@ mod weld;
 pub use build::{BuildOptions, Built, Form, Summary, build};
 
 /// A tetrahedral body around or inside a scan, in the unit box of the scan (see [`crate::scan::UnitBox`]).
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Proxy {
     /// Rest positions; every vertex belongs to a tetrahedron.
     pub rest: Vec<DVec3>,

@@ -4,7 +4,7 @@ use super::Image;
 use super::archive::{Archive, Entry};
 use crate::beside::{folder_of, locate, read};
 use crate::error::{Error, Kind, Result};
-use std::fs;
+use crate::opened;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
@@ -111,7 +111,7 @@ impl Image {
     /// A file that cannot be read.
     pub fn read(&self) -> std::io::Result<Vec<u8>> {
         match self {
-            Image::File(path) => fs::read(path),
+            Image::File(path) => opened::read(path),
             Image::Embedded { bytes, .. } => Ok(bytes.to_vec()),
         }
     }

@@ -1,13 +1,14 @@
 //! What both kinds of map share when they are applied: lanes of frames, chunks of vertices, vector instructions, buffers that are kept.
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 use std::sync::Mutex;
 
 /// Vertices per parallel task.
 const CHUNK: usize = 1024;
 
 /// Indices in the narrowest type that holds them.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) enum Indices {
     Narrow(Vec<u16>),
     Wide(Vec<u32>),

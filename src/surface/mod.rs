@@ -14,6 +14,7 @@ use crate::proxy::Proxy;
 use crate::proxy::rows::MapKind;
 use crate::scan::Faces;
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 /// Poses that one [`SurfaceMap::apply`] takes at most.
 pub const BATCH: usize = 8;
@@ -23,12 +24,12 @@ pub const BATCH: usize = 8;
 /// [`MapKind::Ring`]: every boundary face of the proxy carries an affine map, its posed centre and the mean gradient of the tetrahedra
 /// around it; a scan vertex blends the maps of the faces around its foot point on the boundary. [`MapKind::Paper`]: one sparse row per
 /// vertex. Both are exact on affine maps. Memory: about 120 and 4,000 bytes per vertex.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SurfaceMap {
     kind: Kind,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 enum Kind {
     Ring(ring::RingMap),
     Paper(paper::PaperMap),

@@ -6,17 +6,19 @@ use crate::proxy::Proxy;
 use crate::proxy::rows::{RowSum, TetMaps};
 use glam::DVec3;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 /// Rows that are built before they are packed: all at once would take the memory twice.
 const AT_ONCE: usize = 1 << 14;
 
 /// See [`super::SurfaceMap`].
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct PaperMap {
     proxy_vertices: usize,
     starts: Vec<usize>,
     indices: Indices,
     values: Vec<f64>,
+    #[serde(skip)]
     poses: Pool<f64>,
 }
 

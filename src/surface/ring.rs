@@ -11,24 +11,27 @@ use crate::proxy::rows::{RingMaps, RowSum};
 use crate::scan::Faces;
 use glam::DVec3;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 /// Faces per parallel task.
 const FACES: usize = 256;
 
 /// See [`super::SurfaceMap`].
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct RingMap {
     maps: RingMaps,
     boundary: Vec<[u32; 3]>,
     proxy_vertices: usize,
     points: Vec<[f32; 3]>,
     pairs: Pairs,
+    #[serde(skip)]
     poses: Pool<f64>,
+    #[serde(skip)]
     affine: Pool<f32>,
 }
 
 /// Weights of faces: vertex `v` has the entries `starts[v]..starts[v + 1]`.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 struct Pairs {
     starts: Vec<u32>,
     faces: Indices,

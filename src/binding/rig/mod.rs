@@ -28,11 +28,11 @@ use super::Role;
 use super::landmarks::Joint;
 use super::select::{Selector, Stiffness};
 use crate::error::{Error, Result};
+use crate::opened;
 use crate::space::{Axis, Unit};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::fmt::Display;
-use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -142,7 +142,7 @@ impl RigFile {
     /// Files that cannot be read; TOML and values that are wrong, with line and column and, of unknown keys, the nearest known one.
     pub fn read(path: &Path) -> Result<Self> {
         let mut text = String::new();
-        let file = File::open(path).map_err(|e| Error::unreadable(path, &e))?;
+        let file = opened::open(path).map_err(|e| Error::unreadable(path, &e))?;
         file.take(MOST + 1).read_to_string(&mut text).map_err(|e| Error::unreadable(path, &e))?;
         if text.len() as u64 > MOST {
             return Err(Error::malformed("more than 16 MB").file(path).expected("a rig file: TOML, at most 16 MB"));
@@ -196,7 +196,7 @@ fn explained(text: &str, error: &toml::de::Error) -> Error {
     match (unknown, words.next()) {
         (true, Some(got)) => {
             let known: Vec<&str> = words.collect();
-            let nearest = known.iter().min_by_key(|word| distance(got, word));
+            let nearest = known.iter().min_by_key(|word| strsim::levenshtein(got, word));
             let error = Error::malformed(format!("'{got}' is not known here")).at(place).expected(known.join(", "));
             match nearest {
                 Some(nearest) => error.hint(format!("{nearest}?")),
@@ -205,20 +205,4 @@ fn explained(text: &str, error: &toml::de::Error) -> Error {
         }
         _ => Error::malformed(message.to_owned()).at(place),
     }
-}
-
-/// Letters to insert, drop or replace between two words.
-fn distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut corner = i;
-        row[0] = i + 1;
-        for (j, y) in b.iter().enumerate() {
-            let changed = corner + usize::from(x != *y);
-            corner = row[j + 1];
-            row[j + 1] = changed.min(row[j] + 1).min(corner + 1);
-        }
-    }
-    row[b.len()]
 }

@@ -10,6 +10,7 @@ mod rotations;
 
 use super::SkeletonTake;
 use crate::error::{Error, Notes, Result};
+use crate::opened;
 use crate::space::{Evidence, Known, Space};
 use header::{BLOCK, Header, Processor};
 use parameters::Parameters;
@@ -53,7 +54,7 @@ impl C3d<BufReader<File>> {
     /// Opens a file and reads everything but the data.
     pub(super) fn open(path: &Path) -> Result<Self> {
         let unreadable = |e: io::Error| Error::unreadable(path, &e);
-        let file = File::open(path).map_err(unreadable)?;
+        let file = opened::open(path).map_err(unreadable)?;
         if file.metadata().map_err(unreadable)?.is_dir() {
             return Err(Error::new(crate::error::Kind::Unreadable, "is a folder").file(path).expected("a capture file"));
         }

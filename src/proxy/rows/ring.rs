@@ -2,11 +2,12 @@
 
 use super::{Proxy, gradients_by_volume};
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 /// Per boundary face: its centre, and the volume-weighted mean of the gradient operators of all tetrahedra that touch the face.
 ///
 /// A pose p gives the face the affine map x ↦ c′ + A (x − c) with c′ the posed centre and A = Σ pᵥ gᵥᵀ. Gradients sum to zero.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct RingMaps {
     centres: Vec<DVec3>,
     starts: Vec<u32>,
