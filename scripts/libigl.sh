@@ -5,7 +5,7 @@
 #   scripts/libigl.sh [CASE.npz …]      else: bars made here, the proxy of fixtures/scan.obj, and the cases under RETARGET_SHARED
 #
 # Needs python3 with venv, and the package index for numpy and libigl, which go into a virtual environment under TMPDIR that goes away
-# (RETARGET_VENV names one to keep). benches/solver/cases says what a case holds.
+# (RETARGET_VENV names one to keep). tests/common/cases.rs says what a case holds.
 set -euo pipefail
 here=$(cd "$(dirname "$0")/.." && pwd)
 scratch=$(mktemp -d "${TMPDIR:-/tmp}/retarget-libigl.XXXXXX")
