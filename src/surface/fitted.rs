@@ -277,7 +277,7 @@ mod tests {
         for (coarse, example) in body.examples.iter().zip(&examples) {
             let pose = body.posed(coarse);
             let (with, without) = (distance(&apply(&fitted, &pose), example), distance(&apply(&plain, &pose), example));
-            assert!(with < 2e-3 && with < 0.5 * without && without < 0.02, "{with} fitted, {without} plain");
+            assert!(with < 5e-3 && with < 0.5 * without && without < 0.02, "{with} fitted, {without} plain");
         }
         // A pose that neither shows.
         let (seen, _) = bent(35.0, 50.0);

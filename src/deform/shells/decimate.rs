@@ -1,7 +1,7 @@
 //! All poses of a mesh made coarse together (Fröhlich & Botsch 2011, §7): vertices are merged into neighbours, so that those that stay are
 //! where they were in every pose.
 
-use super::geometry::{diagonal, double_area};
+use super::geometry::{double_area, spread};
 use crate::error::Result;
 use glam::DVec3;
 use std::cmp::Reverse;
@@ -70,7 +70,7 @@ pub(super) fn decimate(poses: &[&[DVec3]], faces: &[[u32; 3]], target: usize, ca
 type Candidate = Reverse<(u64, u32, u32, u32)>;
 
 struct Mesh {
-    /// Poses with a diagonal of 1 each.
+    /// Poses with a spread of 1 each, which does not change with a turn.
     poses: Vec<Vec<DVec3>>,
     quadrics: Vec<Vec<Quadric>>,
     faces: Vec<[u32; 3]>,
@@ -92,7 +92,7 @@ impl Mesh {
         let poses: Vec<Vec<DVec3>> = poses
             .iter()
             .map(|x| {
-                let scale = 1.0 / diagonal(x).max(f64::MIN_POSITIVE);
+                let scale = 1.0 / spread(x).max(f64::MIN_POSITIVE);
                 x.iter().map(|p| *p * scale).collect()
             })
             .collect();

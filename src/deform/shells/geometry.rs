@@ -94,6 +94,12 @@ pub(super) fn diagonal(x: &[DVec3]) -> f64 {
     (hi - lo).length()
 }
 
+/// Root of the mean square of the distances from their centre.
+pub(super) fn spread(x: &[DVec3]) -> f64 {
+    let centre = mean(x);
+    (x.iter().map(|p| p.distance_squared(centre)).sum::<f64>() / x.len().max(1) as f64).sqrt()
+}
+
 /// Twice the area of a triangle as a vector that points outwards.
 pub(super) fn double_area(x: &[DVec3], face: [u32; 3]) -> DVec3 {
     let [a, b, c] = face.map(|v| x[v as usize]);

@@ -4,7 +4,7 @@ use super::geometry::{dihedral, dihedral_gradient, double_area, volume, volume_g
 use super::quadratic::Bounds;
 use super::shell::Shell;
 use super::system::{Direction, Linearization, Pull, System, Unknown};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 /// The shortest share of a step that is tried.
 const SHORTEST: f64 = 1e-10;
@@ -84,7 +84,7 @@ impl Minimum {
     }
 }
 
-/// A pull that is not on the surface: a row over vertices, and shares of the outward offsets of triangles, which are held during a step.
+/// A pull that is not on the surface: a row over vertices, and shares of the outward offsets of triangles, whose corners are in the row.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Grip {
     pub pull: Pull,
@@ -101,8 +101,6 @@ pub(super) struct Newton {
     at: Linearization,
     wanted_lengths: Vec<f64>,
     wanted_angles: Vec<f64>,
-    /// Targets of the pulls less their offsets.
-    goals: Vec<DVec3>,
     forces: Vec<DVec3>,
     directions: [Direction; 2],
     trials: [(Vec<DVec3>, Vec<f64>); 2],
@@ -127,10 +125,10 @@ impl Newton {
                 lengths: vec![0.0; edges],
                 hinges: vec![[DVec3::ZERO; 4]; hinges],
                 volume: vec![DVec3::ZERO; n],
+                pulls: pulls.iter().map(|p| p.values.iter().map(|c| DMat3::from_diagonal(DVec3::splat(*c))).collect()).collect(),
             },
             wanted_lengths: vec![0.0; edges],
             wanted_angles: vec![0.0; hinges],
-            goals: vec![DVec3::ZERO; pulls.len()],
             forces: vec![DVec3::ZERO; pulls.len()],
             pulls,
             offsets,
@@ -145,17 +143,11 @@ impl Newton {
         if let Weights::Free { bounds, .. } = settings.weights {
             weights.iter_mut().for_each(|w| *w = w.clamp(bounds.least, bounds.most));
         }
-        self.lead(x, goals);
-        let mut result =
-            Minimum { terms: self.energy(x, weights, goals.weights, settings.weights), stop: Stop::Cap, ..Minimum::default() };
-        let leads = self.offsets.iter().any(|o| !o.is_empty());
+        let terms = self.energy(x, weights, goals, settings.weights);
+        let mut result = Minimum { terms, stop: Stop::Cap, ..Minimum::default() };
         while result.steps < settings.steps {
-            if leads && result.steps > 0 {
-                self.lead(x, goals);
-                result.terms = self.energy(x, weights, goals.weights, settings.weights);
-            }
             self.linearize(x, weights);
-            self.force(x, goals.weights);
+            self.force(x, goals);
             let free = matches!(settings.weights, Weights::Free { .. });
             self.system.load(&self.shell, &self.at, &self.pulls, &self.forces, free);
             let before = result.energy();
@@ -174,7 +166,7 @@ impl Newton {
                     continue;
                 }
                 singular = false;
-                let Some((terms, share)) = self.search(slot, x, weights, goals.weights, settings, before) else { continue };
+                let Some((terms, share)) = self.search(slot, x, weights, goals, settings, before) else { continue };
                 let energy: f64 = terms.iter().sum();
                 if best.is_none_or(|(_, other, _)| energy < other.iter().sum()) {
                     best = Some((slot, terms, share));
@@ -209,7 +201,7 @@ impl Newton {
         slot: usize,
         x: &[DVec3],
         weights: &[f64],
-        pull_weights: &[f64],
+        goals: &Goals<'_>,
         settings: &Settings,
         before: f64,
     ) -> Option<([f64; 5], f64)> {
@@ -223,7 +215,7 @@ impl Newton {
             for ((to, from), step) in reweighted.iter_mut().zip(weights).zip(&direction.weights) {
                 *to = from + share * step;
             }
-            let terms = self.energy(&moved, &reweighted, pull_weights, settings.weights);
+            let terms = self.energy(&moved, &reweighted, goals, settings.weights);
             self.trials[slot] = (moved, reweighted);
             if terms.iter().sum::<f64>() < before {
                 return Some((terms, share));
@@ -233,21 +225,13 @@ impl Newton {
         None
     }
 
-    /// Offsets of the pulls at a pose.
-    fn lead(&mut self, x: &[DVec3], goals: &Goals<'_>) {
-        for ((goal, offsets), position) in self.goals.iter_mut().zip(&self.offsets).zip(goals.positions) {
-            let offset: DVec3 = offsets.iter().map(|&(face, share)| share * outwards(x, self.shell.faces[face as usize])).sum();
-            *goal = *position - offset;
-        }
-    }
-
     /// Energy of the shell alone.
     pub fn resisted(&mut self, x: &[DVec3], weights: &[f64]) -> f64 {
-        self.energy(x, weights, &[], Weights::Given).iter().sum()
+        self.energy(x, weights, &Goals::NONE, Weights::Given).iter().sum()
     }
 
     /// Energy of a pose by its terms.
-    fn energy(&mut self, x: &[DVec3], weights: &[f64], pull_weights: &[f64], free: Weights) -> [f64; 5] {
+    fn energy(&mut self, x: &[DVec3], weights: &[f64], goals: &Goals<'_>, free: Weights) -> [f64; 5] {
         let shell = &self.shell;
         let wanted = shell.wanted(weights, &mut self.wanted_lengths, &mut self.wanted_angles);
         let (mut stretch, mut bend, mut pull) = (0.0, 0.0, 0.0);
@@ -264,8 +248,8 @@ impl Newton {
         } else {
             0.0
         };
-        for ((row, goal), weight) in self.pulls.iter().zip(&self.goals).zip(pull_weights).filter(|(_, weight)| **weight > 0.0) {
-            pull += weight * row.apply(x).distance_squared(*goal);
+        for (k, (goal, weight)) in goals.positions.iter().zip(goals.weights).enumerate().filter(|(_, (_, w))| **w > 0.0) {
+            pull += weight * self.hold(k, x).distance_squared(*goal);
         }
         let drawn = match free {
             Weights::Given => 0.0,
@@ -323,11 +307,46 @@ impl Newton {
         }
     }
 
-    fn force(&mut self, x: &[DVec3], pull_weights: &[f64]) {
-        for (((force, pull), goal), weight) in self.forces.iter_mut().zip(&self.pulls).zip(&self.goals).zip(pull_weights) {
-            *force = if *weight > 0.0 { (*goal - pull.apply(x)) * *weight } else { DVec3::ZERO };
+    /// Where a pull holds a pose.
+    fn hold(&self, pull: usize, x: &[DVec3]) -> DVec3 {
+        let off = self.offsets[pull].iter().map(|&(face, share)| share * outwards(x, self.shell.faces[face as usize]));
+        self.pulls[pull].apply(x) + off.sum::<DVec3>()
+    }
+
+    /// Derivatives of the points that are held, and the forces on them.
+    fn force(&mut self, x: &[DVec3], goals: &Goals<'_>) {
+        for k in 0..self.forces.len() {
+            let weight = goals.weights.get(k).copied().unwrap_or(0.0);
+            self.forces[k] = if weight > 0.0 { (goals.positions[k] - self.hold(k, x)) * weight } else { DVec3::ZERO };
+            if weight <= 0.0 || self.offsets[k].is_empty() {
+                continue;
+            }
+            let (pull, maps) = (&self.pulls[k], &mut self.at.pulls[k]);
+            for (map, c) in maps.iter_mut().zip(&pull.values) {
+                *map = DMat3::from_diagonal(DVec3::splat(*c));
+            }
+            for &(face, share) in &self.offsets[k] {
+                let face = self.shell.faces[face as usize];
+                for (v, derivative) in face.into_iter().zip(outwards_derivative(x, face)) {
+                    if let Ok(at) = pull.vertices.binary_search(&v) {
+                        maps[at] += share * derivative;
+                    }
+                }
+            }
         }
     }
+}
+
+/// Derivatives of [`outwards`] with respect to the corners.
+fn outwards_derivative(x: &[DVec3], face: [u32; 3]) -> [DMat3; 3] {
+    let normal = double_area(x, face);
+    let length = normal.length().max(f64::MIN_POSITIVE);
+    let unit = normal / length;
+    let across = DMat3::from_cols(unit * unit.x, unit * unit.y, unit * unit.z);
+    let root = (DMat3::IDENTITY - across * 0.5) * (1.0 / length.sqrt());
+    let [a, b, c] = face.map(|v| x[v as usize]);
+    // A change of a corner adds its product with the opposite edge to the normal.
+    [c - b, a - c, b - a].map(|edge| root * DMat3::from_cols(edge.cross(DVec3::X), edge.cross(DVec3::Y), edge.cross(DVec3::Z)))
 }
 
 /// From the centre of a triangle outwards, as long as the root of twice its area.

@@ -195,6 +195,8 @@ fn grip(row: &SparseRow, proxy: &Proxy, vertices: usize, sum: &mut RowSum) -> Gr
         }
     }
     let row = sum.take();
-    let (indices, values) = row.indices.into_iter().zip(row.values).filter(|(_, c)| c.abs() > NOTHING).unzip();
+    let corner = |v: u32| offsets.iter().any(|&(face, _): &(u32, f64)| proxy.boundary[face as usize].contains(&v));
+    let terms = row.indices.into_iter().zip(row.values).filter(|(v, c)| c.abs() > NOTHING || corner(*v));
+    let (indices, values) = terms.unzip();
     Grip { pull: Pull { vertices: indices, values }, offsets }
 }

@@ -4,7 +4,7 @@
 use super::quadratic::{Bounds, Quadratic};
 use super::shell::Shell;
 use crate::linalg::{RepeatedCholesky, elimination_order};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 /// No place, no block: of vertices that are held.
 const NONE: u32 = u32::MAX;
@@ -24,6 +24,8 @@ pub(super) struct Linearization {
     pub lengths: Vec<f64>,
     pub hinges: Vec<[DVec3; 4]>,
     pub volume: Vec<DVec3>,
+    /// Per pull: derivative of the point that it holds with respect to each of its vertices.
+    pub pulls: Vec<Vec<DMat3>>,
 }
 
 /// A pull on the pose: a row over vertices.
@@ -50,8 +52,8 @@ pub(super) struct System {
     hinge_blocks: Vec<[u32; 10]>,
     /// Blocks of the second end, the first end, both.
     edge_blocks: Vec<[u32; 3]>,
-    /// Per pull: its pairs with their blocks.
-    pull_pairs: Vec<Vec<(u32, f64)>>,
+    /// Per pull: blocks with the vertices of their row and column.
+    pull_pairs: Vec<Vec<(u32, u32, u32)>>,
     /// First block of each column of blocks; the diagonal one comes first.
     block_starts: Vec<u32>,
     /// By rows.
@@ -124,9 +126,13 @@ impl System {
         let pull_pairs = pulls
             .iter()
             .map(|pull| {
-                let terms = || pull.vertices.iter().zip(&pull.values);
-                let all = terms().enumerate().flat_map(|(i, (&a, x))| terms().take(i + 1).map(move |(&b, y)| (a, b, x * y)));
-                all.map(|(a, b, value)| (block(a, b), value)).filter(|(slot, _)| *slot != NONE).collect()
+                let all = pull.vertices.iter().enumerate().flat_map(|(i, &a)| {
+                    let pair = move |(j, &b): (usize, &u32)| (a, b, i as u32, j as u32);
+                    pull.vertices[..=i].iter().enumerate().map(pair)
+                });
+                let falling = |a: u32, b: u32| places[a as usize] >= places[b as usize];
+                let placed = all.map(|(a, b, i, j)| (block(a, b), if falling(a, b) { (i, j) } else { (j, i) }));
+                placed.filter(|(slot, _)| *slot != NONE).map(|(slot, (i, j))| (slot, i, j)).collect()
             })
             .collect();
         let (starts, rows) = scalar_pattern(&block_starts, &pairs);
@@ -185,13 +191,13 @@ impl System {
                 }
             }
         }
-        for (pairs, weight) in self.pull_pairs.iter().zip(pull_weights).filter(|(_, weight)| **weight != 0.0) {
-            for &(slot, value) in pairs {
-                let b = &mut self.blocks[slot as usize];
-                let value = weight * value;
-                b[0] += value;
-                b[4] += value;
-                b[8] += value;
+        let pulls = self.pull_pairs.iter().zip(&at.pulls).zip(pull_weights);
+        for ((pairs, maps), weight) in pulls.filter(|(_, weight)| **weight != 0.0) {
+            for &(slot, i, j) in pairs {
+                let product = maps[i as usize].transpose() * maps[j as usize];
+                // By rows, where the matrix has its columns.
+                let product = product.transpose().to_cols_array();
+                self.blocks[slot as usize].iter_mut().zip(product).for_each(|(b, k)| *b += weight * k);
             }
         }
         let count = self.block_starts.len() - 1;
@@ -252,8 +258,8 @@ impl System {
                 transposed(column, 1.0, &example.stretch, &example.bend);
             }
         }
-        for (pull, force) in pulls.iter().zip(pull_forces) {
-            pull.vertices.iter().zip(&pull.values).for_each(|(&v, c)| add(forces, v, *force * *c));
+        for ((pull, maps), force) in pulls.iter().zip(&at.pulls).zip(pull_forces) {
+            pull.vertices.iter().zip(maps).for_each(|(&v, map)| add(forces, v, map.transpose() * *force));
         }
         for (v, g) in at.volume.iter().enumerate() {
             add(volume, v as u32, *g);

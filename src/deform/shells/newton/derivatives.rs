@@ -135,9 +135,8 @@ fn the_step_is_that_of_the_dense_equations() {
     let n = x.len();
     let goals: Vec<DVec3> = newton.pulls.iter().map(|p| p.apply(&x) + DVec3::new(0.02, -0.01, 0.03)).collect();
     let pull_weights = [700.0, 0.0, 900.0, 800.0];
-    newton.lead(&x, &Goals { positions: &goals, weights: &pull_weights });
     newton.linearize(&x, &WEIGHTS);
-    newton.force(&x, &pull_weights);
+    newton.force(&x, &Goals { positions: &goals, weights: &pull_weights });
     newton.system.load(&newton.shell, &newton.at, &newton.pulls, &newton.forces, true);
     let unknown = Unknown { weights: &WEIGHTS, bounds: Bounds::FREE, regularization: 1e-4 };
     let Newton { system, shell, at, directions, .. } = &mut newton;
@@ -208,4 +207,22 @@ fn no_step_leads_upwards() {
         last = minimum.energy();
     }
     assert!(last.is_finite());
+}
+
+#[test]
+fn a_point_off_a_triangle_moves_as_its_derivatives_say() {
+    let mut random = dice(11);
+    let x: Vec<DVec3> = (0..3).map(|_| DVec3::new(random(), random(), random())).collect();
+    let step = 1e-6;
+    for (v, derivative) in outwards_derivative(&x, [0, 1, 2]).into_iter().enumerate() {
+        for k in 0..3 {
+            let at = |sign: f64| {
+                let mut moved = x.clone();
+                moved[v][k] += sign * step;
+                outwards(&moved, [0, 1, 2])
+            };
+            let difference = (at(1.0) - at(-1.0)) / (2.0 * step);
+            assert!(difference.distance(derivative.col(k)) < 1e-8, "{v} {k}: {difference} {}", derivative.col(k));
+        }
+    }
 }
