@@ -58,14 +58,9 @@ impl Slippage {
             let turn = ((p - centre) / scale).cross(n);
             let row = [turn.x, turn.y, turn.z, n.x, n.y, n.z];
             for i in 0..6 {
-                for j in 0..=i {
+                for j in 0..6 {
                     matrix[i][j] += w / area * row[i] * row[j];
                 }
-            }
-        }
-        for i in 0..6 {
-            for j in 0..i {
-                matrix[j][i] = matrix[i][j];
             }
         }
         let (values, vectors) = eigen::symmetric(matrix);

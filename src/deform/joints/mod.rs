@@ -88,7 +88,7 @@ impl Joints {
         }
         for handle in handles {
             let usable = handle.row.indices.iter().all(|&i| i < points) && handle.row.values.iter().all(|v| v.is_finite());
-            if !usable || !(handle.beta.is_finite() && handle.beta > 0.0) {
+            if !(usable && handle.beta.is_finite() && handle.beta > 0.0) {
                 return Err(Error::refused(format!("handle {} has no usable row or hardness", handle.name)));
             }
         }
