@@ -2,7 +2,7 @@
 
 use super::machine::Machine;
 use crate::deform::joints::Side;
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 /// A joint of a body at rest: the part that it is bound to, and the place, in the unit box.
 pub type Spot = (usize, DVec3);
@@ -29,6 +29,8 @@ pub struct Robot {
 
 /// Joints this near to the end of a limb, in its length, belong to the joint at its end, as a hip has three axes.
 const CLUSTER: f64 = 0.2;
+/// How much farther feet reach ahead than behind, in their length, and how far ankles go when knees bend, in heights, at least.
+const UNEVEN: f64 = 0.05;
 /// Feet are this near to the floor, and heads this near to the top, in heights.
 const LOW: f64 = 0.06;
 
@@ -156,10 +158,21 @@ pub fn robot(machine: &Machine, up: DVec3, forward: Option<DVec3>) -> Result<Rob
     let arm = |hand: usize| limb(chest, palm(hand)).or_else(|| limb(chest, hand)).ok_or("an arm without an elbow");
     let mut legs = [leg(feet[0])?, leg(feet[1])?];
     let mut arms = [arm(hand_a)?, arm(hand_b)?];
-    let toward_toes: DVec3 = (0..2).map(|k| flat(centre(legs[k][2].0) - legs[k][2].1)).sum();
-    let forward = match forward.or(toward_toes.try_normalize()) {
-        Some(forward) => flat(forward - side * side.dot(forward)).try_normalize().ok_or("no front")?,
-        None => return Err("no front".into()),
+    // Knees bend the shank backwards; where their ranges say nothing, a foot reaches farther ahead of the ankle than behind it.
+    let across = side.cross(up);
+    let bends: f64 = legs.iter().filter_map(|leg| knee_bends(machine, leg)).map(|back| -back.dot(across)).sum();
+    let reach = |k: usize| {
+        let along = graph.points(legs[k][2].0).iter().map(|p| (*p - legs[k][2].1).dot(across));
+        along.fold((0.0_f64, 0.0_f64), |(behind, ahead), d| (behind.max(-d), ahead.max(d)))
+    };
+    let (behind, ahead) = [0, 1].map(reach).into_iter().fold((0.0, 0.0), |sum, r| (sum.0 + r.0, sum.1 + r.1));
+    let forward = match forward {
+        Some(forward) => flat(forward).try_normalize().ok_or("no front: scan_forward points up or down")?,
+        None if bends.abs() > UNEVEN * tall => across * bends.signum(),
+        None if (ahead - behind).abs() > UNEVEN * (ahead + behind) => across * (ahead - behind).signum(),
+        None => {
+            return Err("no front: the feet reach as far back as ahead; scan_forward in [space] of the rig file says it".into());
+        }
     };
     // Left is up × forward.
     if up.cross(forward).dot(side) < 0.0 {
@@ -181,4 +194,17 @@ pub fn robot(machine: &Machine, up: DVec3, forward: Option<DVec3>) -> Result<Rob
         (heights[head].1 > base.dot(up)).then_some((head, above))
     });
     Ok(Robot { up, forward, pelvis: (pelvis, hips), chest, neck, crown, arms, legs, toes, floor })
+}
+
+/// Where the ankle of a leg goes when the knee bends to the middle of its range; `None` where that is not known.
+fn knee_bends(machine: &Machine, leg: &[Spot; 3]) -> Option<DVec3> {
+    let [_, (shank, knee), (_, ankle)] = *leg;
+    let joint = machine.joints.iter().find(|j| {
+        j.centre.distance(knee) < 1e-9 && (j.a == Side::Part(shank) || j.b == Side::Part(shank)) && j.angle.is_some()
+    })?;
+    let (lo, hi) = joint.angle?;
+    // The range is that of b against a.
+    let middle = 0.5 * (lo + hi) * if joint.b == Side::Part(shank) { 1.0 } else { -1.0 };
+    let arm = ankle - knee;
+    Some(DQuat::from_axis_angle(joint.frame.x_axis, middle) * arm - arm)
 }
