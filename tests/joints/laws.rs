@@ -140,7 +140,9 @@ fn a_pose_that_the_joints_allow_is_met_and_its_image_under_a_motion_too() {
         let targets = posed(f);
         let moved: Vec<DVec3> = targets.iter().map(|p| g * *p + shift).collect();
         if f == 0 {
-            body.start(&all(targets.clone())).expect("solved");
+            // Parts with enough markers begin where these fit best.
+            let began = body.start(&all(targets.clone())).expect("solved").passes;
+            assert!(began < 15, "{began} steps");
             image.start(&all(moved)).expect("solved");
         } else {
             passes += body.step(&all(targets.clone())).expect("solved").passes;
