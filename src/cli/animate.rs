@@ -633,6 +633,7 @@ fn map_of(args: &Animate, cache: Option<&Cache>, proxy: &Proxy, points: &[DVec3]
 }
 
 /// The proxy: built from the scan, or read from `--proxy`, or from the cache where it is there.
+#[allow(clippy::too_many_arguments)]
 fn body(
     args: &Animate,
     cache: Option<&Cache>,

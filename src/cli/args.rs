@@ -97,7 +97,7 @@ impl From<StyleArg> for crate::joints::Style {
 /// Arguments of `retarget batch`.
 #[derive(Debug, Args)]
 pub struct Batch {
-    /// The takes: CSV with the columns scan, capture, out and long options of the main job, or TOML with [[take]]. Patterns such as takes/*.c3d stand for
+    /// The takes: CSV with the columns scan, capture, out and long options of the main job, or TOML with a table take for each. Patterns such as takes/*.c3d stand for
     /// all files that match, each scan with each capture; {scan} and {capture} in other values are the names of the two. Paths are seen from the
     /// manifest's folder
     pub manifest: PathBuf,

@@ -13,7 +13,6 @@ use crate::batch::record::{Due, Record, Summary};
 use crate::error::{Error, Kind, Result};
 use crate::export::Cancel;
 use crate::{opened, words};
-use clap::builder::ValueParser;
 use clap::{ArgAction, CommandFactory, Parser};
 use std::fs;
 use std::path::PathBuf;
@@ -38,7 +37,7 @@ pub(super) fn run(args: &Batch, console: &Console, cancel: &Cancel) -> Result<()
 /// The options of the main job, by what they take.
 fn options() -> OptionTable {
     let command = Arguments::command();
-    let path = ValueParser::from(clap::value_parser!(PathBuf)).type_id();
+    let path = clap::value_parser!(PathBuf).type_id();
     let options = command.get_arguments().filter_map(|option| {
         let takes = match option.get_action() {
             ArgAction::SetTrue => Takes::Nothing,

@@ -9,9 +9,7 @@ use retarget::capture::{self, MarkerTake, ReadOptions};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-#[path = "../common/c3d_writer.rs"]
-mod c3d_writer;
-use c3d_writer::C3dFile;
+use crate::common::c3d_writer::C3dFile;
 
 const FRAMES: usize = 60;
 
@@ -103,7 +101,7 @@ fn variations(plain: &Markers) -> Vec<(&'static str, Markers)> {
         (
             "gaps at the start",
             of(&|mut m| {
-                let late = |i: usize, f: usize| f < 20 + i && i % 3 == 0;
+                let late = |i: usize, f: usize| f < 20 + i && i.is_multiple_of(3);
                 for (f, frame) in m.frames.iter_mut().enumerate() {
                     frame.iter_mut().enumerate().filter(|(i, _)| late(*i, f)).for_each(|(_, p)| *p = None);
                 }
@@ -115,7 +113,7 @@ fn variations(plain: &Markers) -> Vec<(&'static str, Markers)> {
             of(&|mut m| {
                 let kept = ["LSHO", "LELB", "LWRA", "LWRB", "LKNE", "LANK", "RSHO", "RELB", "RWRA", "RWRB", "RKNE", "RANK"];
                 let stays = |i: usize, l: &str| {
-                    kept.contains(&l) || ["ASI", "PSI", "FWT", "BWT"].iter().any(|x| l.ends_with(x)) || i % 2 == 0
+                    kept.contains(&l) || ["ASI", "PSI", "FWT", "BWT"].iter().any(|x| l.ends_with(x)) || i.is_multiple_of(2)
                 };
                 let stay: Vec<bool> = m.labels.iter().enumerate().map(|(i, l)| stays(i, l)).collect();
                 let keep = |list: &mut Vec<Option<DVec3>>| {
