@@ -10,8 +10,8 @@
 //! so that examples may come in any orientation. The last two terms are not in the paper: the pulls of the handles, and a weak pull of the weights
 //! to 0, each against what it resists on its own (`d_i`), which decides among examples that are alike.
 //!
-//! A frame is Gauss–Newton from the pose of the frame before ([`newton`]): a sparse Cholesky factor of one pattern, the volume's dense row by Sherman
-//! and Morrison, the weights by a Schur complement ([`system`]). Where there is no frame before, and where the energy leaps, rest and every example,
+//! A frame is Gauss–Newton from the pose of the frame before (`newton`): a sparse Cholesky factor of one pattern, the volume's dense row by Sherman
+//! and Morrison, the weights by a Schur complement (`system`). Where there is no frame before, and where the energy leaps, rest and every example,
 //! moved rigidly onto the handles, are tried as starts.
 //!
 //! Source: S. Fröhlich, M. Botsch, *Example-Driven Deformations Based on Discrete Shells*, Computer Graphics Forum 30(8), 2011.
