@@ -7,8 +7,8 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 root=$PWD
 [ "$(id -u)" = 0 ] || { echo "needs root: Slurm's daemons start tasks as other users" >&2; exit 1; }
-if ! command -v slurmctld slurmd sbatch munged >/dev/null; then
-  apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq slurmctld slurmd slurm-client munge >/dev/null
+if ! (command -v slurmctld && command -v slurmd && command -v sbatch && command -v munged && command -v bc) >/dev/null; then
+  apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq slurmctld slurmd slurm-client munge bc >/dev/null
 fi
 cargo build --release
 export RETARGET=${CARGO_TARGET_DIR:-$root/target}/release/retarget
@@ -90,7 +90,7 @@ kill -9 "$victim"
 until [ "$(done_takes)" -ge 5 ]; do sleep 0.2; done
 echo "killed: the node's daemon and its tasks after $(done_takes) takes"
 kill -9 "$(cat "$work/slurmd.pid")"
-pkill -9 slurmstepd || true
+pkill -9 -f "slurmstepd: \\[$job" || true
 pkill -9 -f "batch $work/slurm/list.csv --index" || true
 sleep 3
 slurmd -f "$SLURM_CONF"

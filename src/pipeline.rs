@@ -84,7 +84,7 @@ pub struct Outcome {
     /// Frames found again from the rest pose, since the solver had lost them.
     pub recovered: Frames,
     /// How far the worst of the frames in `unsolved` may be from solved, in diagonals.
-    pub unsolved_error: f64,
+    pub unsolved_error: Option<f64>,
     /// What became of the weight of each example.
     pub weights: Vec<WeightRange>,
     /// Milliseconds per stage in all: solve, map, write.
@@ -457,7 +457,7 @@ impl<'a> Solver<'a> {
         }
         if !m.stats.converged {
             out.unsolved.add(m.frame);
-            out.unsolved_error = out.unsolved_error.max(m.stats.error.unwrap_or(0.0));
+            out.unsolved_error = m.stats.error.map(|e| e.max(out.unsolved_error.unwrap_or(0.0))).or(out.unsolved_error);
         }
         if m.stats.recovered {
             out.recovered.add(m.frame);

@@ -109,6 +109,13 @@ fn what_is_not_its_own_is_not_replaced() {
         assert_eq!(exit, Some(1), "{said}");
         assert!(table[0]["error"].as_str().unwrap().contains("--force replaces it"), "{table}");
     }
+    // Nor when a take that was done is to write one more file.
+    let more = TWO.replace("'out/{scan}_####.ply'", "'out/{scan}_####.ply', '{scan}.more.pc2'");
+    fs::write(folder.path().join("list.toml"), more).unwrap();
+    fs::write(folder.path().join("b.more.pc2"), "mine").unwrap();
+    assert_eq!(batch(folder.path(), &[]).0, Some(1));
+    assert_eq!(fs::read(folder.path().join("b.more.pc2")).unwrap(), b"mine");
+    fs::write(folder.path().join("list.toml"), TWO).unwrap();
     assert_eq!(fs::read(folder.path().join("out/a_walk.pc2")).unwrap(), b"mine");
     let (exit, said, _) = batch(folder.path(), &["--force"]);
     assert_eq!(exit, Some(0), "{said}");
@@ -146,14 +153,16 @@ fn a_killed_batch_leaves_no_orphan_and_goes_on() {
     // Until the first take has begun.
     let record = folder.path().join("out/a_walk.pc2.take.json");
     let patience = Instant::now();
-    while !record.exists() {
+    let temporary =
+        || fs::read_dir(folder.path().join("out")).unwrap().any(|e| e.unwrap().file_name().to_string_lossy().starts_with('.'));
+    while !record.exists() || !temporary() {
         assert!(patience.elapsed() < Duration::from_secs(120), "no take was begun");
         std::thread::sleep(Duration::from_millis(20));
     }
     running.kill().unwrap();
     running.wait().unwrap();
     // The process of the take stops by itself and takes its temporary files along.
-    while fs::read_dir(folder.path().join("out")).unwrap().any(|e| e.unwrap().file_name().to_string_lossy().starts_with('.')) {
+    while temporary() {
         assert!(patience.elapsed() < Duration::from_secs(120), "a take goes on without the batch");
         std::thread::sleep(Duration::from_millis(20));
     }
@@ -174,8 +183,26 @@ fn the_cache_changes_no_byte_and_serves_every_take_of_a_scan() {
     run("without.glb", &[]);
     run("first.glb", &["--cache", "kept"]);
     assert_eq!(entries(), 2, "proxy and map");
+    // A hit leaves the entry as it is but for its time; making it anew would replace the file.
+    let age = |seconds: u64| {
+        for entry in fs::read_dir(folder.path().join("kept")).unwrap() {
+            let file = fs::File::options().append(true).open(entry.unwrap().path()).unwrap();
+            file.set_modified(std::time::SystemTime::now() - Duration::from_secs(seconds)).unwrap();
+        }
+    };
+    let identities = || {
+        use std::os::unix::fs::MetadataExt;
+        let mut all: Vec<u64> =
+            fs::read_dir(folder.path().join("kept")).unwrap().map(|e| e.unwrap().metadata().unwrap().ino()).collect();
+        all.sort_unstable();
+        all
+    };
+    age(1000);
+    let before = identities();
     run("again.glb", &["--cache", "kept"]);
-    assert_eq!(entries(), 2);
+    assert_eq!(identities(), before, "found, not made anew");
+    let used = |entry: fs::DirEntry| entry.metadata().unwrap().modified().unwrap().elapsed().unwrap() < Duration::from_secs(500);
+    assert!(fs::read_dir(folder.path().join("kept")).unwrap().all(|e| used(e.unwrap())), "found");
     assert_eq!(read("without.glb"), read("first.glb"));
     assert_eq!(read("without.glb"), read("again.glb"));
     // Another proxy of the same scan, another map of the same proxy.
@@ -189,6 +216,8 @@ fn the_cache_changes_no_byte_and_serves_every_take_of_a_scan() {
     }
     run("mended.glb", &["--cache", "kept"]);
     assert_eq!(read("without.glb"), read("mended.glb"));
+    fs::remove_dir_all(folder.path().join("kept")).unwrap();
     let (exit, said, _) = batch(folder.path(), &["--cache", "kept"]);
     assert_eq!(exit, Some(0), "{said}");
+    assert_eq!(entries(), 2, "one scan under two names");
 }

@@ -185,6 +185,11 @@ fn a_pose_of_another_mesh_is_refused_with_what_differs() {
         (vec!["--examples", "none.obj"], vec!["none.obj"], 1),
         (vec!["--examples", "elbow.obj", "--method", "volumetric"], vec!["--method volumetric"], 2),
         (vec!["--method", "shells", "--proxy", "p.mesh"], vec!["--proxy"], 2),
+        (vec!["--thickness", "1"], vec!["--thickness without shells"], 2),
+        (vec!["--shell-weights", "paper"], vec!["--shell-weights without shells"], 2),
+        (vec!["--example-scale", "auto"], vec!["--example-scale without examples"], 2),
+        (vec!["--method", "shells", "--weight-range", "box"], vec!["--weight-range without examples"], 2),
+        (vec!["--method", "shells", "--learn-stiffness"], vec!["--learn-stiffness without examples"], 2),
     ] {
         let output = retarget(folder.path(), ["arm.obj", "take.csv", "-o", "out.pc2"].iter().chain(&arguments));
         let said = String::from_utf8(output.stderr).unwrap();
@@ -222,6 +227,7 @@ fn weights_may_come_from_a_table_and_what_does_not_fit_is_refused() {
     let at = |name: &str| folder.path().join(name);
     std::fs::write(at("weights.csv"), "elbow,shoulder\n0,0\n0.5,0.5\n").unwrap();
     std::fs::write(at("bad.csv"), "0,0\n0.5;0.5\n").unwrap();
+    std::fs::write(at("far.csv"), "1e6,0\n").unwrap();
     let blend = |more: &[&str]| retarget(folder.path(), ["blend", "arm.obj", "elbow.obj", "shoulder.obj"].iter().chain(more));
     let ok = blend(&["--weights", "weights.csv", "-o", "out.pc2", "-o", "f_#.ply", "--fps", "24", "--proxy-vertices", "300"]);
     assert!(ok.status.success(), "{}", String::from_utf8_lossy(&ok.stderr));
@@ -231,6 +237,8 @@ fn weights_may_come_from_a_table_and_what_does_not_fit_is_refused() {
         (vec!["--at", "0.5", "-o", "x.obj"], vec!["2 examples", "1 weight", "elbow.obj, shoulder.obj"], 2),
         (vec!["--at", "0,0", "--at", "1,1", "-o", "x.obj"], vec!["one file for 2 frames"], 2),
         (vec!["--at", "a,b", "-o", "x.obj"], vec!["expected numbers"], 2),
+        (vec!["--at", "0,0", "--at", "0,-21", "-o", "x.pc2"], vec!["weight -21", "frame 1", "20"], 2),
+        (vec!["--weights", "far.csv", "-o", "x.pc2"], vec!["weight 1000000", "frame 0"], 2),
         (vec!["--weights", "bad.csv", "-o", "x.pc2"], vec!["bad.csv", "line 2"], 1),
         (vec!["--at", "0,0", "-o", "out.pc2"], vec!["exists already"], 1),
         (vec!["--at", "0,0", "-o", "elbow.obj", "--force"], vec!["would replace an input"], 2),

@@ -41,6 +41,7 @@ pub fn run(
         for leash in leashes.iter().take(count) {
             let (next, running) = (&next, &running);
             scope.spawn(move || {
+                let _running = Running(running);
                 loop {
                     let job = next.fetch_add(1, Ordering::Relaxed);
                     if job >= count || cancel.check().is_err() {
@@ -52,7 +53,6 @@ pub fn run(
                         ended(job, end);
                     }
                 }
-                running.fetch_sub(1, Ordering::Release);
             });
         }
         while running.load(Ordering::Acquire) > 0 {
@@ -63,6 +63,15 @@ pub fn run(
         }
     });
     cancel.check()
+}
+
+/// A worker that is at work; it is not when it panics, either.
+struct Running<'a>(&'a AtomicUsize);
+
+impl Drop for Running<'_> {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::Release);
+    }
 }
 
 fn one(mut command: Command, leash: &Mutex<Option<ChildStdin>>) -> Ended {

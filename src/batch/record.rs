@@ -101,7 +101,7 @@ impl Record {
     }
 
     /// A record of a take that is begun now.
-    pub fn begin(take: &Take) -> Self {
+    pub fn begin(manifest: &Manifest, take: &Take) -> Self {
         let mut arguments = take.values.clone();
         WITHOUT_EFFECT.iter().for_each(|key| drop(arguments.remove(*key)));
         Self {
@@ -110,9 +110,14 @@ impl Record {
             exit: 0,
             arguments,
             inputs: BTreeMap::new(),
-            outputs: BTreeMap::new(),
+            outputs: manifest.outputs(take).iter().map(|path| (seen_from(manifest.folder(), path), 0)).collect(),
             summary: Summary::default(),
         }
+    }
+
+    /// Whether a run of the take has written this path, or meant to: it may be replaced.
+    pub fn owns(&self, manifest: &Manifest, path: &Path) -> bool {
+        self.outputs.contains_key(&seen_from(manifest.folder(), path))
     }
 
     /// Reads the record of a take; `None` where there is none that can be read.
@@ -157,7 +162,7 @@ impl Record {
     pub fn due(record: Option<&Self>, manifest: &Manifest, take: &Take) -> Option<Due> {
         let Some(record) = record else { return Some(Due::New) };
         let changed = |what: String| Some(Due::Changed(what));
-        let wanted = Self::begin(take);
+        let wanted = Self::begin(manifest, take);
         if record.state != State::Done {
             return Some(Due::Interrupted);
         }
@@ -224,7 +229,7 @@ mod tests {
         let due = |manifest: &Manifest| Record::due(Record::read(&path).as_ref(), manifest, &manifest.takes[0]);
         assert_eq!(due(&manifest), Some(Due::New));
 
-        let mut record = Record::begin(take);
+        let mut record = Record::begin(&manifest, take);
         record.write(&path).unwrap();
         assert_eq!(due(&manifest), Some(Due::Interrupted));
         let inputs = ["a.obj", "w.c3d", "a.mtl"].map(|name| folder.path().join(name));
@@ -259,7 +264,7 @@ mod tests {
         fs::write(folder.path().join("list.csv"), "scan,capture,out\na,b,c.glb\n").unwrap();
         fs::write(folder.path().join("a"), "a").unwrap();
         let manifest = Manifest::read(&folder.path().join("list.csv"), [("out".into(), Takes::Path)].into()).unwrap();
-        let mut record = Record::begin(&manifest.takes[0]);
+        let mut record = Record::begin(&manifest, &manifest.takes[0]);
         record.complete(&manifest, &[folder.path().join("a")], &[], SystemTime::UNIX_EPOCH).unwrap();
         assert_eq!(Record::due(Some(&record), &manifest, &manifest.takes[0]), Some(Due::Changed("a has changed".into())));
     }

@@ -335,14 +335,14 @@ pub struct Animate {
     #[arg(long, hide_short_help = true, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "Solve")]
     pub iterations: Option<u32>,
     /// Largest move of a vertex in the last step of a frame, in diagonals of the body, in place of the one that --quality stands for
-    #[arg(long, hide = true, value_name = "DIAGONALS", conflicts_with = "iterations", help_heading = "Solve")]
+    #[arg(long, hide = true, value_name = "DIAGONALS", value_parser = parse_positive, conflicts_with = "iterations", help_heading = "Solve")]
     pub solve_tolerance: Option<f64>,
 
     /// Keep what set-up computes of the scan in this folder, for other takes of the same scan; the outputs are the same bytes with and without
     #[arg(long, hide_short_help = true, value_name = "DIR", help_heading = "Machine")]
     pub cache: Option<PathBuf>,
     /// Megabytes that the folder of --cache may hold: what was not used for the longest time goes
-    #[arg(long, hide_short_help = true, value_name = "MB", default_value_t = 4096, value_parser = clap::value_parser!(u64).range(1..=1 << 30), requires = "cache", help_heading = "Machine")]
+    #[arg(long, hide_short_help = true, value_name = "MB", default_value_t = 4096, value_parser = clap::value_parser!(u64).range(1..=1 << 30), help_heading = "Machine")]
     pub cache_size: u64,
     /// Threads to use (default: all cores); the outputs are the same bytes for any number
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024), help_heading = "Machine")]
@@ -521,12 +521,12 @@ mod tests {
             Cli::try_parse_from(["retarget", "a.obj", "b.c3d", "-o", "c.glb", "-o", "d.pc2", "--frames", "-5..20"]).unwrap();
         let animate = cli.main_job().unwrap();
         assert_eq!(animate.out.len(), 2);
+        assert_eq!(animate.frames, Some((-5, 20)));
+        assert_eq!(animate.rate, None, "what is usual differs from format to format");
         assert!(!animate.shells.are_chosen().unwrap());
         let words = ["retarget", "a.obj", "b.c3d", "--examples", "c.obj", "d.obj", "-o", "c.glb", "--weight-range", "convex"];
         let animate = Cli::try_parse_from(words).unwrap().main_job().unwrap();
         assert!(animate.shells.examples.len() == 2 && animate.shells.are_chosen().unwrap());
-        assert_eq!(animate.frames, Some((-5, 20)));
-        assert_eq!(animate.rate, None, "what is usual differs from format to format");
         let cli = Cli::try_parse_from(["retarget", "inspect", "a.obj"]).unwrap();
         assert!(matches!(cli.command, Some(Command::Inspect(i)) if i.files.len() == 1));
         assert!(Cli::try_parse_from(["retarget", "a.obj", "b.c3d"]).is_err(), "an output is required");

@@ -1,7 +1,7 @@
 //! The main job for things made of parts: a rig file with components or joints, and a capture that drives them.
 
 use super::animate::{Captures, Clock, Setup, is_table, read_captures, resample, warn};
-use super::args::{Align, Animate, Plant};
+use super::args::{Align, Animate, Map, Plant, Reference};
 use super::console::Console;
 use super::decisions::{capture_line, cut, file_name, scan_line};
 use super::rig::Rig;
@@ -10,7 +10,7 @@ use crate::binding::person::{self, Joints as PersonJoints, Person};
 use crate::binding::rig::RigFile;
 use crate::binding::rig::mechanism::{BindKind, FromSection};
 use crate::binding::{self, Binding, BoundMarker, Decisions, Regions, Similarity, Turning};
-use crate::capture::{MarkerTake, Motion, SkeletonTake, smooth};
+use crate::capture::{Capture, MarkerTake, Motion, SkeletonTake, smooth};
 use crate::deform::joints::{Joints, Options, Weights};
 use crate::deform::{Deformer, Handle};
 use crate::error::{Error, Kind, Notes, Result};
@@ -185,6 +185,11 @@ impl Stage<'_> {
         self.options.scan_unit.map(|u| Known::new(u, Evidence::User)).or(self.scan.space.unit)
     }
 
+    /// Degrees about up that the user turns the capture by.
+    fn turn(&self) -> f64 {
+        self.options.yaw.unwrap_or(0.0) + if self.options.flip { 180.0 } else { 0.0 }
+    }
+
     /// A skeleton: by the binds of the file, or by who is who.
     fn skeleton(&self, captures: &Captures, take: &SkeletonTake, notes: &mut Notes) -> Result<Driven> {
         let capture = &captures.capture;
@@ -208,7 +213,7 @@ impl Stage<'_> {
         };
         let forward = body.as_ref().map(|b| b.forward).ok().or(said_forward).unwrap_or_else(|| up.any_orthonormal_vector());
         let front = drive::front(&joints, &person, frames).unwrap_or_else(|| person.up.value.vector().any_orthonormal_vector());
-        let turn = self.args.yaw.or(self.file.space.yaw).unwrap_or(0.0) + if self.options.flip { 180.0 } else { 0.0 };
+        let turn = self.turn();
         let axes = DQuat::from_axis_angle(up, turn.to_radians()) * drive::axes(person.up.value.vector(), front, up, forward);
         let leg = leg_of(&drives, &person).or(body.as_ref().ok().map(|b| length(b.legs[0]))).ok_or_else(|| {
             Error::refused("no leg of the machine is driven: its size against the actor is not known").hint("--scale X")
@@ -309,13 +314,16 @@ impl Stage<'_> {
             None => markers.point(frame, marker),
         };
         let in_scan = table.is_some() || self.args.align == Align::None;
-        let (axes, scale) = if table.is_some() {
-            (DQuat::IDENTITY, 1.0 / self.unit_box.diagonal)
-        } else {
-            self.space(capture, &told, &raw, frames)
+        self.check_sides(in_scan, notes)?;
+        let factor = if table.is_some() { 1.0 } else { self.factor(capture) };
+        let space = (!in_scan).then(|| self.space(capture, &told, &raw, frames, factor));
+        let place = |frame: usize, marker: usize| {
+            let p = raw(frame, marker)?;
+            Some(match space {
+                Some((axes, scale)) => axes * p * scale,
+                None => self.unit_box.enter(p * factor),
+            })
         };
-        let origin = if in_scan { self.unit_box.centre } else { DVec3::ZERO };
-        let place = |frame: usize, marker: usize| Some(axes * (raw(frame, marker)? - axes.inverse() * origin) * scale);
         let mut chosen = told;
         if chosen.is_empty() {
             if !in_scan {
@@ -323,7 +331,7 @@ impl Stage<'_> {
                     .expected("[[bind]] with from = { marker = \"NAME\" }, to = { component = \"NAME\", point = [x, y, z] }")
                     .hint("--align none where the markers lie on the parts of the mesh in their first frame"));
             }
-            chosen = self.lying(labels.len(), frames, &place)?;
+            chosen = self.lying(labels, frames, &place, notes)?;
         }
         let handles: Vec<Handle> = chosen
             .iter()
@@ -345,6 +353,7 @@ impl Stage<'_> {
         let words = format!("{} on {}", words::plural(handles.len(), noun), words::plural(parts.len(), "part"));
         let mut decisions = self.decisions(captures, noun, handles.len());
         decisions.reference_frame = table.map_or(capture.first_frame, |t| t.first_frame);
+        decisions.yaw = if in_scan { 0.0 } else { self.turn() };
         Ok(Driven { binding: self.binding(decisions, &handles, take), handles, words })
     }
 
@@ -377,16 +386,45 @@ impl Stage<'_> {
         Ok(told)
     }
 
-    /// Turn and scale of a marker capture: axes by up, lengths by the distances of markers on one part, or by the units.
+    /// What turns and sides cannot do to markers and handles: refused from the command line, a warning from the rig file.
+    fn check_sides(&self, in_scan: bool, notes: &mut Notes) -> Result<()> {
+        let (args, options) = (self.args, self.options);
+        let without = [
+            ("--mirror", args.mirror, options.mirror),
+            ("--swap-sides", args.swap_sides, options.swap_sides),
+            ("--flip", args.flip && in_scan, options.flip && in_scan),
+        ];
+        if let Some((option, ..)) = without.iter().find(|o| o.1) {
+            return Err(Error::new(Kind::Usage, format!("{option} has no effect on these markers"))
+                .expected("markers where they are on the parts; sides are told apart in skeletons alone"));
+        }
+        let lies = [("--yaw", options.yaw.is_some() && in_scan), ("--capture-up", options.capture_up.is_some() && in_scan)];
+        let ignored: Vec<&str> = without.iter().map(|o| (o.0, o.2)).chain(lies).filter(|o| o.1).map(|o| o.0).collect();
+        if !ignored.is_empty() {
+            let why = if in_scan { "the capture is taken as it lies on the mesh" } else { "markers have no sides" };
+            notes.warn(format!("{} not used: {why}", ignored.join(" and ")));
+        }
+        Ok(())
+    }
+
+    /// Scan units per unit of a marker capture, times `--scale`.
+    fn factor(&self, capture: &Capture) -> f64 {
+        let of_capture = self.options.capture_unit.or(capture.space.unit.map(|u| u.value));
+        let units = of_capture.zip(self.unit()).map_or(1.0, |(c, s)| c.metres() / s.value.metres());
+        self.options.scale.unwrap_or(1.0) * units
+    }
+
+    /// Turn and scale of a marker capture: axes by up, lengths by the distances of markers on one part, or by `factor`.
     fn space(
         &self,
-        capture: &crate::capture::Capture,
+        capture: &Capture,
         told: &[(usize, DVec3, f64, usize)],
         raw: &dyn Fn(usize, usize) -> Option<DVec3>,
         frames: usize,
+        factor: f64,
     ) -> (DQuat, f64) {
         let up = self.options.capture_up.or(capture.space.up.map(|up| up.value)).map_or(DVec3::Z, |up| up.vector());
-        let turn = DQuat::from_axis_angle(self.up().value, self.args.yaw.unwrap_or(0.0).to_radians());
+        let turn = DQuat::from_axis_angle(self.up().value, self.turn().to_radians());
         let axes = turn * DQuat::from_rotation_arc(up, self.up().value);
         let mut ratios = Vec::new();
         for (k, a) in told.iter().enumerate() {
@@ -397,35 +435,33 @@ impl Stage<'_> {
             }
         }
         ratios.sort_by(f64::total_cmp);
-        let unit = |unit: Option<Unit>| unit.map(Unit::metres);
-        let of_capture = unit(self.options.capture_unit.or(capture.space.unit.map(|u| u.value)));
-        let by_units = of_capture.zip(unit(self.unit().map(|u| u.value))).map_or(1.0, |(c, s)| c / s) / self.unit_box.diagonal;
-        let scale = match (self.options.scale, self.args.align) {
-            (Some(scale), _) => scale * by_units,
-            (None, Align::None) => by_units,
-            _ => ratios.get(ratios.len() / 2).copied().unwrap_or(by_units),
-        };
-        (axes, scale)
+        let by_distances = ratios.get(ratios.len() / 2).copied().filter(|_| self.options.scale.is_none());
+        (axes, by_distances.unwrap_or(factor / self.unit_box.diagonal))
     }
 
-    /// Markers on the parts that are nearest to where they are in the first frame that shows them.
+    /// Markers on the parts that are nearest to where they are in the first frame. One that comes later is left out: its part has moved by then.
     fn lying(
         &self,
-        count: usize,
+        labels: &[String],
         frames: usize,
         place: &dyn Fn(usize, usize) -> Option<DVec3>,
+        notes: &mut Notes,
     ) -> Result<Vec<(usize, DVec3, f64, usize)>> {
         const FAR: f64 = 0.1;
         let points: Vec<DVec3> = self.scan.mesh.positions.iter().map(|&p| self.unit_box.enter(p)).collect();
         let triangles = self.scan.mesh.vertex_triangles();
         let tree = TriangleTree::new(&points, &triangles);
         let mut lying = Vec::new();
-        for marker in 0..count {
-            let Some(at) = (0..frames).find_map(|f| place(f, marker)) else { continue };
+        let mut late = Vec::new();
+        for (marker, label) in labels.iter().enumerate() {
+            let Some(at) = (frames > 0).then(|| place(0, marker)).flatten() else {
+                late.push(label.as_str());
+                continue;
+            };
             let Some(near) = tree.closest(at) else { continue };
             if near.distance > FAR {
                 return Err(Error::refused(format!(
-                    "a marker begins {:.0} % of the diagonal away from the mesh",
+                    "{label} begins {:.0} % of the diagonal away from the mesh",
                     100.0 * near.distance
                 ))
                 .expected("markers in the mesh's own space, on its parts in the first frame"));
@@ -434,7 +470,15 @@ impl Stage<'_> {
             lying.push((part, at, 1.0, marker));
         }
         if lying.is_empty() {
-            return Err(Error::refused("no marker has a place in any frame"));
+            return Err(Error::refused("no marker has a place in the first frame")
+                .expected("markers on the parts in the first frame, or [[bind]] in the rig file"));
+        }
+        if !late.is_empty() {
+            notes.warn(format!(
+                "{} not in the first frame and so on no part: {}; [[bind]] in the rig file says where they are",
+                words::plural(late.len(), "marker"),
+                late.join(", ")
+            ));
         }
         Ok(lying)
     }
@@ -515,6 +559,11 @@ pub(super) fn not_used(args: &Animate) -> Result<()> {
         (args.handles.is_some(), "--handles"),
         (!args.hold.is_empty() || !args.hold_exact.is_empty(), "--hold"),
         (!args.rigid.is_empty() || !args.stiffness.is_empty(), "--rigid, --stiffness"),
+        (args.map == Map::Paper, "--map paper"),
+        (args.solve_tolerance.is_some(), "--solve-tolerance"),
+        (args.reference != Reference::Auto, "--ref"),
+        (args.ref_file.is_some(), "--ref-file"),
+        (!matches!(args.align, Align::Auto | Align::None), "--align similarity, pose or retarget"),
     ];
     match given.into_iter().find(|g| g.0) {
         Some((_, option)) => Err(Error::new(Kind::Usage, format!("{option} is not for things made of parts"))

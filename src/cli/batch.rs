@@ -11,7 +11,7 @@ use crate::batch::manifest::{Manifest, OptionTable, Take, Takes};
 use crate::batch::queue::{self, Ended};
 use crate::batch::record::{Due, Record, Summary};
 use crate::error::{Error, Kind, Result};
-use crate::export::Cancel;
+use crate::export::{Cancel, files};
 use crate::{opened, words};
 use clap::{ArgAction, CommandFactory, Parser};
 use std::fs;
@@ -46,7 +46,8 @@ fn options() -> OptionTable {
         };
         Some((option.get_long()?.to_owned(), takes))
     });
-    options.filter(|(name, _)| name != "help").collect()
+    // How much is printed is for the batch to say.
+    options.filter(|(name, _)| !["help", "quiet", "verbose"].contains(&name.as_str())).collect()
 }
 
 /// The arguments of a take.
@@ -74,10 +75,18 @@ fn one(args: &Batch, manifest: &Manifest, take: &Take, console: &Console, cancel
         Some(Due::Changed(what)) => console.station("take", &format!("{}  {} again: {what}", take.number, take.name())),
         _ => console.station("take", &format!("{}  {}", take.number, take.name())),
     }
-    // What an earlier run of the manifest has begun is its own to replace.
-    animate.force |= args.force || known.is_some();
-    animate.threads = args.threads.or(animate.threads);
-    animate.quiet |= args.quiet;
+    // What an earlier run of the take has begun is its own to replace, and nothing else.
+    let own = |path: &PathBuf| known.as_ref().is_some_and(|record| record.owns(manifest, path));
+    let foreign = manifest.outputs(take).into_iter().find(|path| !own(path) && files::exists(path));
+    if let Some(path) = foreign.filter(|_| !args.force && !animate.force) {
+        return Err(Error::new(Kind::Unwritable, "exists already, and no earlier run of this take has written it")
+            .file(path)
+            .expected("a path where nothing is")
+            .hint("--force replaces it"));
+    }
+    animate.force = true;
+    // The manifest knows better than the share of the cores.
+    animate.threads = animate.threads.or(args.threads);
     animate.cache = args.cache.clone().or(animate.cache);
     for output in manifest.outputs(take) {
         let folder = crate::beside::folder_of(&output);
@@ -85,7 +94,7 @@ fn one(args: &Batch, manifest: &Manifest, take: &Take, console: &Console, cancel
     }
     // Refusals come before the outputs are marked as its own.
     drop(outputs::sinks(&animate)?);
-    let mut record = Record::begin(take);
+    let mut record = Record::begin(manifest, take);
     record.write(&path)?;
     let started = SystemTime::now();
     let finished = animate::run(&animate, console, cancel.clone())?;
@@ -253,7 +262,7 @@ mod tests {
         for path in ["out", "report", "rig", "save-rig", "ref-file", "proxy", "save-proxy", "picture", "handles", "skeleton"] {
             assert_eq!(options[path], Takes::Path, "{path}");
         }
-        assert!(!options.contains_key("help") && !options.contains_key("scan"));
+        assert!(["help", "scan", "quiet", "verbose"].iter().all(|name| !options.contains_key(*name)));
     }
 
     #[test]

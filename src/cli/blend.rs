@@ -3,7 +3,7 @@
 use super::console::Console;
 use super::outputs;
 use super::shells::{self, ExampleScale, Examples, MaterialArgs};
-use crate::deform::shells::{Body, Interpolator};
+use crate::deform::shells::{Body, Interpolator, too_far};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::export::{Cancel, FrameBatch, FrameSink, Header, glb};
 use crate::scan::{self, Scan, UnitBox};
@@ -28,7 +28,7 @@ pub struct Blend {
     /// Its examples: meshes with the same vertices and faces in other poses, folders of such, or glTF with morph targets
     #[arg(required = true, value_name = "POSE")]
     pub examples: Vec<PathBuf>,
-    /// A weight for each example, for one frame; below 0 and above 1 exaggerates (repeatable)
+    /// A weight for each example, -20 to 20, for one frame; below 0 and above 1 exaggerates (repeatable)
     #[arg(long, value_name = "W,...", value_parser = parse_weights, allow_hyphen_values = true, required_unless_present = "weights")]
     pub at: Vec<Weights>,
     /// A table of weights: a line per frame, a number per example, separated by commas; a first line of names is skipped
@@ -50,9 +50,9 @@ pub struct Blend {
     /// Vertices of the coarse mesh, 100 to 100000 (default: 1000)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=100_000))]
     pub proxy_vertices: Option<u32>,
-    /// Examples of another size: taken as they are (1), or scaled so that their edges are as long as those of the mesh (auto)
-    #[arg(long, value_enum, default_value_t = ExampleScale::One)]
-    pub example_scale: ExampleScale,
+    /// Examples of another size: taken as they are (1, the default), or scaled so that their edges are as long as those of the mesh (auto)
+    #[arg(long, value_enum)]
+    pub example_scale: Option<ExampleScale>,
     #[command(flatten)]
     pub material: MaterialArgs,
     /// Print errors only
@@ -77,6 +77,7 @@ pub(super) fn run(args: &Blend, console: &Console) -> Result<()> {
     let inputs: Vec<&PathBuf> = std::iter::once(&args.rest).chain(&args.examples).chain(&args.weights).collect();
     let sinks = outputs::checked(&args.out, &[], &inputs, args.force, true, &glb::Recording::new(glb::Options::default()))?;
     let frames = frames(args)?;
+    check_reach(&frames)?;
     let several = args.out.iter().find(|p| frames.len() > 1 && is_one_frame(p));
     if let Some(path) = several {
         return Err(Error::new(Kind::Usage, format!("one file for {} frames", words::count(frames.len())))
@@ -276,15 +277,24 @@ fn table(text: &str) -> Result<Vec<Vec<f64>>> {
     Ok(frames)
 }
 
+/// Refuses weights that are too far out.
+fn check_reach(frames: &[Vec<f64>]) -> Result<()> {
+    let beyond = |w: &&f64| w.abs() > Interpolator::FARTHEST;
+    match frames.iter().enumerate().find_map(|(f, weights)| Some((f, weights.iter().find(beyond)?))) {
+        Some((frame, weight)) => Err(too_far(*weight).at(format!("frame {frame}"))),
+        None => Ok(()),
+    }
+}
+
 fn is_one_frame(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     (name.ends_with(".ply") || name.ends_with(".obj")) && !name.contains('#')
 }
 
 fn parse_weights(text: &str) -> Result<Weights, String> {
-    let number = |word: &str| word.trim().parse::<f64>().ok().filter(|w| w.is_finite() && w.abs() <= 1000.0);
+    let number = |word: &str| word.trim().parse::<f64>().ok().filter(|w| w.is_finite());
     let weights: Option<Vec<f64>> = text.split(',').map(number).collect();
-    weights.map(Weights).ok_or_else(|| "expected numbers from -1000 to 1000, separated by commas".into())
+    weights.map(Weights).ok_or_else(|| "expected numbers, separated by commas".into())
 }
 
 fn parse_rate(text: &str) -> Result<f64, String> {
@@ -299,10 +309,19 @@ mod tests {
     #[test]
     fn weights_are_read_from_words_and_tables() {
         assert_eq!(parse_weights("0.5, -0.2"), Ok(Weights(vec![0.5, -0.2])));
-        assert!(parse_weights("0.5,").is_err() && parse_weights("nan").is_err() && parse_weights("1e9").is_err());
+        assert!(parse_weights("0.5,").is_err() && parse_weights("nan").is_err());
         assert_eq!(table("fist,bent\n0,1\n\n0.5, 0.5\n").unwrap(), [vec![0.0, 1.0], vec![0.5, 0.5]]);
         let error = table("0,1\n0;1\n").unwrap_err().to_string();
         assert!(error.contains("line 2"), "{error}");
         assert!(table("fist\n").is_err());
+    }
+
+    #[test]
+    fn a_weight_that_is_far_out_is_refused_with_its_frame() {
+        assert!(check_reach(&[vec![20.0, -20.0]]).is_ok());
+        let error = check_reach(&[vec![0.0, 1.0], vec![0.0, -20.5]]).unwrap_err();
+        assert_eq!(error.kind, Kind::Usage);
+        let text = error.to_string();
+        assert!(text.contains("frame 1") && text.contains("-20.5"), "{text}");
     }
 }

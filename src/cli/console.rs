@@ -1,16 +1,21 @@
 //! The only place that prints: station lines, warnings, the progress bar, errors. Everything goes to standard error.
 
-#![allow(clippy::print_stderr)]
-
 use crate::error::Error;
 use crate::words;
-use anstream::eprintln;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::fmt::Write as _;
 use std::io::IsTerminal;
+use std::io::Write as _;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
+
+/// A line on standard error. Nobody may be reading any more (`| head`), which is no failure.
+macro_rules! say {
+    ($($words:tt)*) => {{
+        let _ = writeln!(anstream::stderr(), $($words)*);
+    }};
+}
 
 /// How often a line tells of progress where no bar can be drawn.
 const PLAIN_INTERVAL: Duration = Duration::from_secs(5);
@@ -41,34 +46,34 @@ impl Console {
     /// A line of the decisions block: the station's name and what it decided.
     pub(super) fn station(&self, name: &str, text: &str) {
         if self.level != Level::Quiet {
-            eprintln!("\x1b[1m{name:<8}\x1b[0m {text}");
+            say!("\x1b[1m{name:<8}\x1b[0m {text}");
         }
     }
 
     /// A line for `--verbose`.
     pub(super) fn detail(&self, text: &str) {
         if self.level == Level::Verbose {
-            eprintln!("         \x1b[2m{text}\x1b[0m");
+            say!("         \x1b[2m{text}\x1b[0m");
         }
     }
 
     /// A line of a table.
     pub(super) fn plain(&self, text: &str) {
         if self.level != Level::Quiet {
-            eprintln!("{text}");
+            say!("{text}");
         }
     }
 
     /// A warning: doubtful input, and what was assumed.
     pub(super) fn warning(&self, text: &str) {
         if self.level != Level::Quiet {
-            eprintln!("\x1b[33mwarning\x1b[0m  {text}");
+            say!("\x1b[33mwarning\x1b[0m  {text}");
         }
     }
 
     /// An error, always printed.
     pub(super) fn error(&self, error: &Error) {
-        eprintln!("\x1b[1;31merror\x1b[0m: {error}");
+        say!("\x1b[1;31merror\x1b[0m: {error}");
     }
 
     /// Starts telling of progress through `total` frames; `what` is done with them.
@@ -119,7 +124,7 @@ impl Progress {
             let mut line = format!("  {}{} of {} frames", self.what, words::count(done), words::count(self.total));
             let rate = done as f64 / self.start.elapsed().as_secs_f64();
             let _ = write!(line, "  {} frames/s", words::digits(rate));
-            eprintln!("{line}");
+            say!("{line}");
         }
     }
 
@@ -132,7 +137,7 @@ impl Progress {
             );
             bar.enable_steady_tick(Duration::from_millis(500));
         } else if self.plain && self.start.elapsed() >= PLAIN_INTERVAL {
-            eprintln!("  completing the outputs");
+            say!("  completing the outputs");
         }
     }
 

@@ -214,8 +214,8 @@ pub(super) fn outcome_warnings(outcome: &Outcome, diagonal: f64, metres: Option<
         texts.push(format!("fold at {}{at}: {folding}, so look at deep creases of the skin", outcome.folds));
     }
     if outcome.unsolved.count() > 0 {
-        let error = length(outcome.unsolved_error * diagonal, metres);
-        texts.push(format!("{} not solved to the tolerance, but to within about {error}", outcome.unsolved));
+        let within = outcome.unsolved_error.map(|e| format!(", but to within about {}", length(e * diagonal, metres)));
+        texts.push(format!("{} not solved to the tolerance{}", outcome.unsolved, within.unwrap_or_default()));
     }
     if outcome.recovered.count() > 0 {
         texts.push(format!("{} found again from the rest pose: the body may jump there", outcome.recovered));

@@ -101,10 +101,13 @@ fn look(path: &Path, args: &Inspect) -> Result<Found> {
         Sort::Proxy => proxy(path),
         Sort::Take => takes::look(path, args),
         Sort::Mdd => mdd(path),
-        Sort::Written => Err(Error::new(Kind::Unsupported, "a format that this program writes, but does not read")
-            .file(path)
-            .expected("a scan, a capture, a proxy (.mesh), or a .glb, .pc2 or .mdd")
-            .hint("for what a run has put into it, see its --report")),
+        Sort::Written => Err(Error::new(
+            Kind::Unsupported,
+            "USD, Alembic, pages and pictures are formats that this program writes, but does not read",
+        )
+        .file(path)
+        .expected("a scan, a capture, a proxy (.mesh), or a .glb, .pc2 or .mdd")
+        .hint("for what a run has put into it, see its --report")),
     }
 }
 

@@ -2,17 +2,18 @@
 
 use super::args::Joints;
 use super::console::Console;
-use super::picture;
+use super::{outputs, picture};
 use crate::binding::rig::mechanism::{ComponentSection, JointKind, JointSection, MeshSection};
 use crate::binding::rig::{RigFile, SpaceSection, Written};
-use crate::error::{Error, Kind as Failure, Result};
-use crate::export::files::{self, Pending};
+use crate::error::{Error, Result};
+use crate::export::files::Pending;
+use crate::export::glb;
 use crate::joints::{self, Component, Joint, Kind, Options};
 use crate::picture::{Colors, Mark, Shape, Sheet, Stroke, Surface, View};
 use crate::scan::{self, Scan, UnitBox};
 use crate::words;
 use glam::DVec3;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Components that a file may have: their pairs are all looked at.
 const MOST: usize = 2000;
@@ -20,14 +21,10 @@ const MOST: usize = 2000;
 /// Finds the joints and writes the rig file.
 ///
 /// # Errors
-/// A file that cannot be read or written; a mesh with more components than can be paired.
+/// A file that cannot be read or written; an output that would replace the model or the other one; a mesh with more components than can be paired.
 pub(super) fn run(args: &Joints, console: &Console) -> Result<()> {
-    for path in std::iter::once(&args.out).chain(&args.picture) {
-        if !args.force && files::exists(path) {
-            return Err(Error::new(Failure::Unwritable, "exists already").file(path).hint("--force replaces it"));
-        }
-        files::check_writable(path)?;
-    }
+    let written: Vec<&PathBuf> = std::iter::once(&args.out).chain(&args.picture).collect();
+    outputs::checked(&[], &written, &[&args.model], args.force, false, &glb::Recording::new(glb::Options::default()))?;
     let scan = scan::read(&args.model)?;
     let unit_box = UnitBox::of(&scan.mesh).ok_or_else(|| Error::malformed("the mesh has no extent").file(&args.model))?;
     let components = joints::components(&scan);

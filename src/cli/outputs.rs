@@ -17,7 +17,8 @@ const FORMATS: &str = "one of .glb, .abc, .usdc, .usda, .usdz, .pc2, .mdd, .html
 /// exists (without `--force`) or whose folder is missing.
 pub(super) fn sinks(args: &Animate) -> Result<Vec<Box<dyn FrameSink>>> {
     let given = [Some(&args.scan), Some(&args.capture), args.ref_file.as_ref(), args.proxy.as_ref(), args.rig.as_ref()];
-    let inputs: Vec<&PathBuf> = given.into_iter().flatten().chain(&args.shells.examples).collect();
+    let inputs: Vec<&PathBuf> =
+        given.into_iter().flatten().chain(&args.handles).chain(&args.skeleton).chain(&args.shells.examples).collect();
     let others: Vec<&PathBuf> = args.report.iter().chain(&args.save_proxy).chain(&args.picture).chain(&args.save_rig).collect();
     let recording = glb::Recording::new(glb::Options {
         tolerance: args.tolerance.map_or_else(Tolerance::default, |percent| Tolerance::of_worst(percent / 100.0)),

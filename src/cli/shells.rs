@@ -25,12 +25,12 @@ pub struct ShellArgs {
     /// targets. They may stand anywhere and be turned in any way
     #[arg(long, num_args = 1.., value_name = "FILE", help_heading = "Examples")]
     pub examples: Vec<PathBuf>,
-    /// Examples of another size: taken as they are (1), or scaled so that their edges are as long as those of the scan (auto)
-    #[arg(long, hide_short_help = true, value_enum, default_value_t = ExampleScale::One, help_heading = "Examples")]
-    pub example_scale: ExampleScale,
-    /// How far weights of examples may go: anywhere, -0.2 to 1.2, or 0 to 1
-    #[arg(long, value_enum, default_value_t = WeightRange::Box, help_heading = "Examples")]
-    pub weight_range: WeightRange,
+    /// Examples of another size: taken as they are (1, the default), or scaled so that their edges are as long as those of the scan (auto)
+    #[arg(long, hide_short_help = true, value_enum, help_heading = "Examples")]
+    pub example_scale: Option<ExampleScale>,
+    /// How far weights of examples may go: anywhere, -0.2 to 1.2 (box, the default), or 0 to 1
+    #[arg(long, value_enum, help_heading = "Examples")]
+    pub weight_range: Option<WeightRange>,
     #[command(flatten)]
     pub material: MaterialArgs,
 }
@@ -123,17 +123,36 @@ impl ShellArgs {
     /// # Errors
     /// [`Kind::Usage`].
     pub(super) fn check(&self, proxy: bool) -> Result<()> {
-        if self.are_chosen()? && proxy {
+        let is_shell = self.are_chosen()?;
+        if is_shell && proxy {
             return Err(Error::new(Kind::Usage, "--proxy with shells")
                 .expected("a tetrahedral proxy for the volumetric deformer only")
                 .hint("--proxy-vertices N"));
+        }
+        let of_examples = [
+            (self.weight_range.is_some(), "--weight-range"),
+            (self.example_scale.is_some(), "--example-scale"),
+            (self.material.learn_stiffness, "--learn-stiffness"),
+        ];
+        let of_shells =
+            [(self.material.thickness.is_some(), "--thickness"), (self.material.shell_weights.is_some(), "--shell-weights")];
+        let given = |options: &[(bool, &'static str)]| options.iter().find(|o| o.0).map(|o| o.1);
+        if let Some(option) = given(&of_shells).filter(|_| !is_shell) {
+            return Err(Error::new(Kind::Usage, format!("{option} without shells"))
+                .expected("the shell deformer, whose material it is")
+                .hint("--method shells, or --examples FILE"));
+        }
+        if let Some(option) = given(&of_examples).filter(|_| self.examples.is_empty()) {
+            return Err(Error::new(Kind::Usage, format!("{option} without examples"))
+                .expected("other poses of the scan, for which it is")
+                .hint("--examples FILE"));
         }
         Ok(())
     }
 
     /// `-0.2 to 1.2`.
     pub(super) fn range_words(&self) -> &'static str {
-        match self.weight_range {
+        match self.weight_range.unwrap_or_default() {
             WeightRange::Free => "free",
             WeightRange::Box => "\u{2212}0.2 to 1.2",
             WeightRange::Convex => "0 to 1",
@@ -144,12 +163,18 @@ impl ShellArgs {
     pub(super) fn options(&self, body: &Body, stiffness: Vec<f64>, rigid: Vec<Vec<u32>>) -> Options {
         let count = body.examples.len();
         let material = self.material.material(body);
-        Options { material, bounds: self.weight_range.bounds(), stiffness, rigid, ..Options::for_examples(count) }
+        Options {
+            material,
+            bounds: self.weight_range.unwrap_or_default().bounds(),
+            stiffness,
+            rigid,
+            ..Options::for_examples(count)
+        }
     }
 
     /// Warnings about weights that often were where they may go no farther.
     pub(super) fn weight_warnings(&self, outcome: &Outcome, names: &[String]) -> Vec<String> {
-        let bounds = self.weight_range.bounds();
+        let bounds = self.weight_range.unwrap_or_default().bounds();
         let often = |count: usize| count as f64 > OFTEN * outcome.frames as f64;
         let at = |range: &crate::pipeline::WeightRange| -> Option<(usize, f64)> {
             if often(range.at_most) && range.most >= bounds.most {
@@ -201,11 +226,12 @@ impl Examples {
     /// Reads the files.
     pub(super) fn read(
         files: &[PathBuf],
-        scale: ExampleScale,
+        scale: Option<ExampleScale>,
         scan: &Scan,
         unit_box: UnitBox,
         notes: &mut Notes,
     ) -> Result<Self> {
+        let scale = scale.unwrap_or_default();
         let mut own = Notes::default();
         let poses = read_poses(scan, files, &mut own)?;
         if scale == ExampleScale::One {
@@ -286,6 +312,35 @@ mod tests {
         for lambda in [stretching(30, 24), stretching(60, 60)] {
             assert!((lambda / (3.7 * edge / 0.01).powi(2) - 1.0).abs() < 0.02, "{lambda}");
         }
+    }
+
+    #[test]
+    fn options_without_what_they_are_for_are_refused_by_name() {
+        let refused = |args: &ShellArgs, option: &str| {
+            let error = args.check(false).expect_err(option);
+            assert!(error.kind == Kind::Usage && error.to_string().contains(option), "{error}");
+        };
+        let shells = || ShellArgs { method: Method::Shells, ..ShellArgs::default() };
+        let examples = || ShellArgs { examples: vec!["a.obj".into()], ..ShellArgs::default() };
+        let range = Some(WeightRange::Box);
+        let scale = Some(ExampleScale::One);
+        let learnt = MaterialArgs { learn_stiffness: true, ..MaterialArgs::default() };
+        let thick = MaterialArgs { thickness: Some(1.0), ..MaterialArgs::default() };
+        let weighted = MaterialArgs { shell_weights: Some(ShellWeights::Paper), ..MaterialArgs::default() };
+        for args in [ShellArgs::default(), ShellArgs { method: Method::Volumetric, ..ShellArgs::default() }] {
+            assert!(args.check(false).is_ok());
+            refused(&ShellArgs { material: thick.clone(), ..args.clone() }, "--thickness");
+            refused(&ShellArgs { material: weighted.clone(), ..args }, "--shell-weights");
+        }
+        for args in [ShellArgs::default(), shells()] {
+            refused(&ShellArgs { weight_range: range, ..args.clone() }, "--weight-range");
+            refused(&ShellArgs { example_scale: scale, ..args.clone() }, "--example-scale");
+            refused(&ShellArgs { material: learnt.clone(), ..args }, "--learn-stiffness");
+        }
+        assert!(ShellArgs { material: thick, ..shells() }.check(false).is_ok());
+        assert!(ShellArgs { material: weighted, ..shells() }.check(false).is_ok());
+        let all = ShellArgs { weight_range: range, example_scale: scale, material: learnt, ..examples() };
+        assert!(all.check(false).is_ok());
     }
 
     #[test]

@@ -22,7 +22,7 @@ mod base64;
 /// The page, with names in double braces for what is put in.
 const PAGE: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/page.css");
-/// One script in rooms: what is above is known below.
+/// One script in parts: what is above is known below.
 const SCRIPT: &[&str] = &[
     include_str!("page/start.js"),
     include_str!("page/vectors.js"),

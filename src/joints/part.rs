@@ -11,6 +11,9 @@ const WELD: f64 = 1e-6;
 /// Faces that meet at a larger angle do not share a normal (cosine of 40°).
 const CREASE: f64 = 0.766;
 
+/// Samples of a part at most, about: a large part of a small spacing would have millions.
+const MOST: f64 = 1e5;
+
 /// A part at rest.
 #[derive(Debug)]
 pub struct Part {
@@ -68,7 +71,8 @@ impl Part {
         if self.triangles.is_empty() { 0.0 } else { (self.bounds.1 - self.bounds.0).length() }
     }
 
-    /// Samples of the surface within a box, about `count` of them and at most `spacing` apart, evenly by area.
+    /// Samples of the surface within a box, evenly by area: about `count` of them, more where they would be farther
+    /// than `spacing` apart, and never more than about a hundred thousand.
     pub fn samples(&self, lo: DVec3, hi: DVec3, count: usize, spacing: f64) -> Samples {
         let mut pieces: Vec<(usize, [DVec3; 3], f64)> = Vec::new();
         for (t, corners) in self.triangles.iter().enumerate() {
@@ -81,7 +85,7 @@ impl Part {
             }
         }
         let area: f64 = pieces.iter().map(|piece| piece.2).sum();
-        let each = (spacing * spacing).min(area / count as f64);
+        let each = (spacing * spacing).min(area / count as f64).max(area / MOST);
         let mut samples = Samples::default();
         // Systematic by area: the next sample is due whenever another `each` has been passed.
         let mut due = 0.5;

@@ -77,8 +77,9 @@ pub struct Shafts {
 
 /// How the limbs of a written frame lie.
 pub struct Posed {
+    /// Zero where a limb has no skin to tell it by.
     pub directions: [DVec3; 8],
-    /// Length of each shaft against rest.
+    /// Length of each shaft against rest; 1 without skin: a quotient of nothing would pass for the largest of the eight.
     pub stretch: [f64; 8],
 }
 
@@ -106,15 +107,21 @@ impl Shafts {
         let mut out = Posed { directions: [DVec3::ZERO; 8], stretch: [1.0; 8] };
         for (limb, skin) in self.skin.iter().enumerate() {
             let at = |v: usize| DVec3::from_array(pose[v].map(f64::from));
-            let count = skin.len().max(1) as f64;
+            if skin.is_empty() {
+                continue;
+            }
+            let count = skin.len() as f64;
             let from = skin.iter().map(|&v| rest[v]).sum::<DVec3>() / count;
             let to = skin.iter().map(|&v| at(v)).sum::<DVec3>() / count;
             let pairs: Vec<(DVec3, DVec3)> = skin.iter().map(|&v| (rest[v] - from, at(v) - to)).collect();
             let turn = turn(&pairs);
             let before = (self.joints[LIMBS[limb].1] - self.joints[LIMBS[limb].0]).normalize();
+            let squares: f64 = pairs.iter().map(|(x, _)| x.dot(before).powi(2)).sum();
+            if squares <= 0.0 {
+                continue;
+            }
             let after = turn * before;
             out.directions[limb] = after;
-            let squares: f64 = pairs.iter().map(|(x, _)| x.dot(before).powi(2)).sum();
             out.stretch[limb] = pairs.iter().map(|(x, y)| x.dot(before) * y.dot(after)).sum::<f64>() / squares;
         }
         out
@@ -151,7 +158,7 @@ fn turn(pairs: &[(DVec3, DVec3)]) -> DQuat {
 
 /// Angles in degrees between limbs as captured and as written, after the one turn about the up axes that brings the whole take together.
 ///
-/// Shapes: one entry per frame; `up` of the capture and of the scan.
+/// Shapes: one entry per frame; `up` of the capture and of the scan. `None` for a limb that either of them does not show.
 pub fn errors(captured: &[[Option<DVec3>; 8]], written: &[[DVec3; 8]], up: (DVec3, DVec3)) -> Vec<[Option<f64>; 8]> {
     let axes = |up: DVec3| {
         let x = up.any_orthonormal_vector();
@@ -167,6 +174,7 @@ pub fn errors(captured: &[[Option<DVec3>; 8]], written: &[[DVec3; 8]], up: (DVec
         }
     }
     let yaw = DMat3::from_rotation_z(f64::atan2(across, along));
-    let angle = |c: Option<DVec3>, w: DVec3| c.map(|c| (yaw * (a * c)).angle_between(b * w).to_degrees());
+    let angle =
+        |c: Option<DVec3>, w: DVec3| c.filter(|_| w != DVec3::ZERO).map(|c| (yaw * (a * c)).angle_between(b * w).to_degrees());
     captured.iter().zip(written).map(|(c, w)| std::array::from_fn(|limb| angle(c[limb], w[limb]))).collect()
 }

@@ -65,6 +65,15 @@ fn parts_that_do_not_touch_have_no_joint() {
 }
 
 #[test]
+fn a_part_has_no_more_than_a_hundred_thousand_samples() {
+    let (parts, _) = Place::odd(1.0).parts(&pieces()[1], false);
+    let all = parts[0].samples(DVec3::NEG_INFINITY, DVec3::INFINITY, 4000, 1e-5);
+    assert!((90_000..110_000).contains(&all.len()), "{}", all.len());
+    let area: f64 = parts[0].areas.iter().sum();
+    assert!((all.weights.iter().sum::<f64>() - area).abs() < 1e-3 * area, "their weights are still the area");
+}
+
+#[test]
 fn a_rod_between_tight_collars_turns_but_does_not_slide() {
     use crate::shapes::{Piece, turned};
     // By its contact a cylinder joint: the collars are farther away than surfaces that touch.

@@ -7,3 +7,4 @@ mod detection;
 mod laws;
 mod program;
 mod shapes;
+mod targets;

@@ -149,6 +149,13 @@ fn a_wrong_rig_file_is_refused_with_its_place_and_the_next_step() {
         (joint("").replace("\"base\"\nb", "\"moving\"\nb"), "itself"),
         (joint("angel = [0, 1]\n"), "angle"),
         (joint("").replace("name = \"base\"\n", "name = \"base\"\ncells = [4, 1, 1]\n"), "soft"),
+        (joint("[solver]\niterations = 0\n"), "iterations = 0"),
+        (joint("[solver]\nweights = { pos = -1.0 }\n"), "pos is no usable number"),
+        (joint("[solver]\nweights = { strain = nan }\n"), "strain is no usable number"),
+        (
+            joint("[[bind]]\nfrom = { marker = \"M\" }\nto = { component = \"base\" }\nkind = \"orientation\"\n"),
+            "a marker has a place and no turn",
+        ),
     ];
     for (text, word) in cases {
         std::fs::write(at.join("rig.toml"), &text).expect("a file");
@@ -158,6 +165,119 @@ fn a_wrong_rig_file_is_refused_with_its_place_and_the_next_step() {
     }
     let again = retarget(at, &["joints", "hinge.obj", "-o", "rig.toml"]);
     assert!(!again.status.success() && words(&again).contains("--force"), "{}", words(&again));
+}
+
+#[test]
+fn neither_the_model_nor_one_output_is_replaced_by_another() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = folder.path();
+    write_obj(&at.join("hinge.obj"), &pieces()[1], &Place::odd(1.0));
+    let model = std::fs::read(at.join("hinge.obj")).expect("a model");
+    let whole = at.join("hinge.obj").display().to_string();
+    let cases: [&[&str]; 4] = [
+        &["-o", "hinge.obj"],
+        &["-o", "./hinge.obj"],
+        &["-o", "rig.toml", "--picture", &whole],
+        &["-o", "same.png", "--picture", "./same.png"],
+    ];
+    for outputs in cases {
+        let run = retarget(at, &[&["joints", "hinge.obj", "--force"], outputs].concat());
+        assert_eq!(run.status.code(), Some(2), "{outputs:?}: {}", words(&run));
+        assert!(std::fs::read(at.join("hinge.obj")).expect("a model") == model && !at.join("same.png").exists());
+    }
+}
+
+/// The places of a table of handles as markers in a TRC file in millimetres.
+fn markers(table: &str) -> String {
+    let rows: Vec<Vec<&str>> = table.lines().skip(1).map(|line| line.split(',').collect()).collect();
+    let labels: Vec<&str> = rows.iter().filter(|r| r[0] == "0").map(|r| r[1]).collect();
+    let mut text = format!(
+        "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\n100\t100\t{}\t{}\tmm\nFrame#\tTime\t{}\n\t\n\n",
+        rows.len() / labels.len(),
+        labels.len(),
+        labels.join("\t\t\t")
+    );
+    for (frame, row) in rows.chunks(labels.len()).enumerate() {
+        let _ = write!(text, "{}\t{:.4}", frame + 1, frame as f64 / 100.0);
+        for marker in row {
+            for x in &marker[2..] {
+                let _ = write!(text, "\t{:.5}", 1000.0 * x.parse::<f64>().expect("a number"));
+            }
+        }
+        text.push('\n');
+    }
+    text
+}
+
+#[test]
+fn markers_in_millimetres_lie_on_a_model_in_metres_off_the_origin() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = folder.path();
+    let piece = &pieces()[1];
+    let place = Place { shift: DVec3::new(3.0, -2.0, 7.0), ..Place::odd(1.0) };
+    write_obj(&at.join("hinge.obj"), piece, &place);
+    assert!(retarget(at, &["joints", "hinge.obj", "-o", "rig.toml"]).status.success());
+    let angles: Vec<f64> = (0..12).map(|f| 0.1 * f64::from(f)).collect();
+    std::fs::write(at.join("drive.trc"), markers(&handles(piece, &place, &angles))).expect("a file");
+    let run = |take: &str, out: &str, more: &[&str]| {
+        std::fs::create_dir_all(at.join(out)).expect("a folder");
+        let out = format!("{out}/f_####.obj");
+        let main = ["hinge.obj", take, "--rig", "rig.toml", "--scan-unit", "m", "-o", &out];
+        retarget(at, &[&main, more].concat())
+    };
+    let turned = DQuat::from_rotation_z(1.1);
+    let expected: Vec<DVec3> = piece.base.0.iter().copied().chain(piece.moving.0.iter().map(|p| turned * *p)).collect();
+    let is_met = |out: &str| {
+        let last = vertices(&at.join(out).join("f_0012.obj"));
+        let off = last.iter().zip(&expected).map(|(p, q)| p.distance(place.apply(*q))).fold(0.0, f64::max);
+        assert!(last.len() == expected.len() && off < 5e-4, "{out}: {off} off");
+    };
+    let plain = run("drive.trc", "plain", &["--align", "none"]);
+    assert!(plain.status.success(), "{}", words(&plain));
+    is_met("plain");
+    // Only the unit is converted.
+    let turned = run("drive.trc", "turned", &["--align", "none", "--yaw", "40", "--capture-up", "+X"]);
+    assert!(turned.status.success() && words(&turned).contains("--yaw and --capture-up not used"), "{}", words(&turned));
+    is_met("turned");
+    let refused: [&[&str]; 9] = [
+        &["--mirror"],
+        &["--swap-sides"],
+        &["--flip"],
+        &["--map", "paper"],
+        &["--solve-tolerance", "1e-5"],
+        &["--cache", "kept"],
+        &["--ref", "3"],
+        &["--ref-file", "drive.trc"],
+        &["--align", "pose"],
+    ];
+    for option in refused {
+        let none: &[&str] = if option[0] == "--align" { &[] } else { &["--align", "none"] };
+        let run = run("drive.trc", "none", &[none, option].concat());
+        assert!(run.status.code() == Some(2) && words(&run).contains(option[0]), "{option:?}: {}", words(&run));
+    }
+}
+
+#[test]
+fn a_handle_that_comes_after_the_first_frame_is_named_and_pulls_nothing() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = folder.path();
+    let piece = &pieces()[1];
+    let place = Place::odd(1.0);
+    write_obj(&at.join("hinge.obj"), piece, &place);
+    assert!(retarget(at, &["joints", "hinge.obj", "-o", "rig.toml"]).status.success());
+    let angles: Vec<f64> = (0..12).map(|f| 0.1 * f64::from(f)).collect();
+    let table = handles(piece, &place, &angles);
+    // Its part has turned by then.
+    let is_kept = |line: &&str| !(0..6).any(|f| line.starts_with(&format!("{f},moving1,")));
+    let late: Vec<&str> = table.lines().filter(is_kept).collect();
+    std::fs::write(at.join("late.csv"), late.join("\n")).expect("a file");
+    let run = retarget(at, &["hinge.obj", "late.csv", "--rig", "rig.toml", "-o", "f_####.obj"]);
+    assert!(run.status.success() && words(&run).contains("on no part: moving1"), "{}", words(&run));
+    let last = vertices(&at.join("f_0011.obj"));
+    let turned = DQuat::from_rotation_z(1.1);
+    let expected = piece.base.0.iter().copied().chain(piece.moving.0.iter().map(|p| turned * *p));
+    let off = last.iter().zip(expected).map(|(p, q)| p.distance(place.apply(q))).fold(0.0, f64::max);
+    assert!(off < 2e-4, "{off} off");
 }
 
 /// A humanoid robot with a rig of joints and limits, and a person who boxes: the body is found in the joints, and they hold.

@@ -26,6 +26,7 @@ fn a_squat_to_the_floor_hardly_folds() {
     let mut last: VecDeque<Vec<DVec3>> = VecDeque::new();
     let (mut snap, mut at, mut frame) = (0.0_f64, 0, 0);
     while let Some(pose) = cache.next() {
+        assert!(pose.iter().all(|p| p.is_finite()), "frame {} is not finite", 806 + frame);
         if let [before, now] = last.make_contiguous() {
             let ahead = pose.iter().zip(now.iter().zip(before.iter())).map(|(p, (n, b))| (*p - *n * 2.0 + *b).length());
             let farthest = ahead.fold(0.0, f64::max) * metres;

@@ -229,6 +229,22 @@ pub struct WeightsSection {
     pub pos: Option<f64>,
 }
 
+impl SolverSection {
+    /// Checks that its numbers are usable.
+    pub(super) fn check(&self) -> Result<()> {
+        let fail = |what: String, expected: &str| Err(Error::malformed(what).at("[solver]").expected(expected.to_owned()));
+        if self.iterations == Some(0) {
+            return fail("iterations = 0".into(), "1 or more");
+        }
+        let WeightsSection { joint, limit, strain, pos } = self.weights;
+        let numbers = [("hold", self.hold), ("joint", joint), ("limit", limit), ("strain", strain), ("pos", pos)];
+        match numbers.into_iter().find(|n| n.1.is_some_and(|x| !x.is_finite() || x < 0.0)) {
+            Some((name, _)) => fail(format!("{name} is no usable number"), "a finite number, 0 or more"),
+            None => Ok(()),
+        }
+    }
+}
+
 /// Checks what the reader of TOML does not: names that are there once and are known, numbers that are usable.
 pub(super) fn check(components: &[ComponentSection], joints: &[JointSection], binds: &[BindSection]) -> Result<()> {
     let fail = |section: &str, what: String, expected: &str| {
@@ -301,6 +317,13 @@ pub(super) fn check(components: &[ComponentSection], joints: &[JointSection], bi
         if !known(&bind.to.component) {
             let error = Error::malformed(format!("there is no component {}", bind.to.component)).at("[[bind]]");
             return Err(error.hint(format!("{}?", nearest(&bind.to.component))));
+        }
+        if let (FromSection::Marker(marker), BindKind::Orientation) = (&bind.from, bind.kind) {
+            return fail(
+                "bind",
+                format!("the bind of marker {marker} has kind = \"orientation\": a marker has a place and no turn"),
+                "kind = \"position\", or a joint of a skeleton",
+            );
         }
         if bind.kind == BindKind::Position && bind.to.point.is_none() {
             return fail(

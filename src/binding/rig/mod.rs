@@ -189,6 +189,7 @@ impl RigFile {
             }
         }
         mechanism::check(&rig.components, &rig.joints, &rig.binds)?;
+        rig.solver.check()?;
         if let Some(frozen) = &rig.frozen {
             frozen.check()?;
         }

@@ -2,10 +2,10 @@
 
 use super::body::{Body, tip};
 use super::geometry::volume;
-use super::newton::{Goals, Minimum, Newton, Settings, Stop, Tension, Weights};
+use super::newton::{Goals, Minimum, Newton, Settings, Tension, Weights};
 use super::shell::{Material, Shell};
 use super::starts::Rigid;
-use crate::deform::{ERROR_PER_STEP, FrameStats};
+use crate::deform::FrameStats;
 use crate::error::{Error, Kind, Result};
 use glam::DVec3;
 
@@ -37,6 +37,9 @@ pub struct Interpolator {
 }
 
 impl Interpolator {
+    /// The largest amount of a weight: the way there is gone in stages, so that a far one would never end.
+    pub const FARTHEST: f64 = 20.0;
+
     /// A body at rest.
     ///
     /// # Errors
@@ -56,11 +59,14 @@ impl Interpolator {
     /// point, lie: an example's own weight gives it where it is.
     ///
     /// # Errors
-    /// [`Kind::Usage`] for another number of weights, or one that is no number; [`Kind::Refused`] where no pose is found.
+    /// [`Kind::Usage`] for another number of weights, or one that is no number or beyond [`Self::FARTHEST`]; [`Kind::Refused`] where no pose is found.
     pub fn solve(&mut self, weights: &[f64]) -> Result<FrameStats> {
         if weights.len() != self.weights.len() || weights.iter().any(|w| !w.is_finite()) {
             return Err(Error::new(Kind::Usage, format!("{} weights: {weights:?}", weights.len()))
                 .expected(format!("{} numbers, one per example", self.weights.len())));
+        }
+        if let Some(weight) = weights.iter().find(|w| w.abs() > Self::FARTHEST) {
+            return Err(too_far(*weight));
         }
         let distance = |from: &[f64]| from.iter().zip(weights).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
         let mut from = self.weights.clone();
@@ -73,7 +79,7 @@ impl Interpolator {
                 from = known;
             }
         }
-        let stages = (nearest / STAGE).ceil().clamp(1.0, 1e4) as u32;
+        let stages = (nearest / STAGE).ceil().max(1.0) as u32;
         let (mut minimum, mut steps) = (Minimum::default(), 0);
         for stage in 1..=stages {
             let share = f64::from(stage) / f64::from(stages);
@@ -138,10 +144,10 @@ impl Interpolator {
         let now = volume(&self.x, &shell.faces, &shell.topology.holes);
         Ok(FrameStats {
             passes: minimum.steps,
-            step: minimum.still / ERROR_PER_STEP,
-            error: Some(minimum.still),
+            step: minimum.last.map_or(0.0, |moves| moves.most),
+            error: minimum.last.filter(|_| minimum.is_settled()).map(|moves| moves.most),
             violation: None,
-            converged: minimum.stop != Stop::Cap,
+            converged: minimum.is_settled(),
             recovered: false,
             energy: minimum.energy(),
             inverted: 0,
@@ -149,4 +155,11 @@ impl Interpolator {
             volume_ratio: if shell.swell > 0.0 { now / shell.volume } else { 1.0 },
         })
     }
+}
+
+/// What is said of a weight beyond [`Interpolator::FARTHEST`].
+pub(crate) fn too_far(weight: f64) -> Error {
+    let most = Interpolator::FARTHEST;
+    Error::new(Kind::Usage, format!("weight {weight}"))
+        .expected(format!("weights from \u{2212}{most} to {most}; 1 is the example itself"))
 }

@@ -4,6 +4,7 @@
 use super::newton::{Goals, Newton, Settings, Tension, Weights};
 use super::shapes::{Bend, arm, dice, straight};
 use super::*;
+use crate::error::Kind;
 use crate::linalg::SparseRow;
 use glam::{DMat3, DQuat};
 
@@ -273,6 +274,67 @@ fn without_any_handle_the_pose_stays_and_a_broken_target_is_refused() {
 }
 
 #[test]
+fn only_a_frame_that_is_solved_says_how_well() {
+    let (body, handles) = (subject(&examples()), handles());
+    let frame = |options: Options| {
+        let mut shells = Shells::new(&body, &handles, &[], &options).unwrap();
+        shells.start(&targets(&handles, &body.proxy.rest)).unwrap();
+        shells.step(&targets(&handles, &bent(0.0, 5.0))).unwrap()
+    };
+    let none = frame(Options { steps: 0, ..paper(2) });
+    assert!(!none.converged && none.error.is_none() && none.step == 0.0, "{none:?}");
+    let one = frame(Options { steps: 1, ..paper(2) });
+    assert!(!one.converged && one.error.is_none() && one.step > 0.0, "{one:?}");
+    let solved = frame(paper(2));
+    assert!(solved.converged && solved.error == Some(solved.step), "{solved:?}");
+    let counted = frame(Options { steps: 1, decrease: 0.0, still: 0.0, ..paper(2) });
+    assert!(counted.converged && counted.error.is_none(), "{counted:?}");
+}
+
+#[test]
+fn a_frame_that_is_begun_anew_says_so() {
+    let (body, handles) = (subject(&examples()), handles());
+    let mut shells = Shells::new(&body, &handles, &[], &paper(2)).unwrap();
+    let at_rest = targets(&handles, &body.proxy.rest);
+    (0..12).for_each(|_| assert!(!shells.step(&at_rest).unwrap().recovered));
+    // Crumpled, and without steps that would smooth it.
+    let mut random = dice(5);
+    shells.x.iter_mut().for_each(|p| *p += 0.1 * (DVec3::new(random(), random(), random()) - 0.5));
+    shells.settings.steps = 0;
+    let stats = shells.step(&at_rest).unwrap();
+    assert!(stats.recovered && distance(shells.pose(), &body.proxy.rest) < 1e-6, "{stats:?}");
+}
+
+#[test]
+fn a_part_that_no_handle_holds_is_refused_with_its_place() {
+    let (rest, faces) = arm(RINGS, SEGMENTS, Bend::default());
+    let n = rest.len() as u32;
+    let twice: Vec<DVec3> = rest.iter().copied().chain(rest.iter().map(|p| *p + DVec3::Y * 3.0)).collect();
+    let all: Vec<[u32; 3]> = faces.iter().copied().chain(faces.iter().map(|f| f.map(|v| v + n))).collect();
+    let body = Body::build(&twice, &all, &[], 100_000, &|| Ok(())).unwrap();
+    let mut handles = handles();
+    let error = Shells::new(&body, &handles, &[], &paper(0)).unwrap_err().to_string();
+    let words = format!("component 2 of 2 of the shell: {} triangles around", body.proxy.boundary.len() / 2);
+    assert!(error.contains(&words), "{error}");
+    handles.push(Handle { name: "other".into(), row: row([n as usize]), beta: 1.0 });
+    assert!(Shells::new(&body, &handles, &[], &paper(0)).is_ok());
+}
+
+#[test]
+fn stiffness_of_other_triangles_than_there_are_is_refused() {
+    let (body, handles) = (subject(&[]), handles());
+    let refused = |options: Options| Shells::new(&body, &handles, &[], &options).unwrap_err().to_string();
+    let text = refused(Options { rigid: vec![vec![0], vec![99_999]], ..paper(0) });
+    assert!(text.contains("rigid group 1: triangle 99999"), "{text}");
+    let text = refused(Options { stiffness: vec![1.0; 3], rigid: vec![vec![0]], ..paper(0) });
+    assert!(text.contains("3 stiffness values"), "{text}");
+    let mut stiffness = vec![1.0; body.proxy.boundary.len()];
+    stiffness[7] = f64::NAN;
+    let text = refused(Options { stiffness, ..paper(0) });
+    assert!(text.contains("triangle 7"), "{text}");
+}
+
+#[test]
 fn a_cut_in_the_take_is_solved_as_if_it_began_there() {
     let (body, handles) = (subject(&examples()), handles());
     let far = |x: Vec<DVec3>| x.iter().map(|p| DQuat::from_rotation_x(2.0) * *p + DVec3::Y * 4.0).collect::<Vec<_>>();
@@ -393,6 +455,8 @@ fn weights_that_are_given_give_the_examples_and_what_lies_between() {
         assert!((solver.solve(&[weight, 0.0]).unwrap().volume_ratio - 1.0).abs() < 0.1);
     }
     assert!(solver.solve(&[1.0]).is_err() && solver.solve(&[f64::NAN, 0.0]).is_err());
+    let far = solver.solve(&[0.0, 20.5]).unwrap_err();
+    assert!(far.kind == Kind::Usage && far.to_string().contains("20.5"), "{far}");
 }
 
 #[test]

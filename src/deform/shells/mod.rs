@@ -37,16 +37,17 @@ mod topology;
 
 pub use body::Body;
 pub use interpolate::Interpolator;
+pub(crate) use interpolate::too_far;
 pub use quadratic::Bounds;
 pub use rows::SurfaceRows;
 pub use shell::Material;
 
-use super::{Deformer, ERROR_PER_STEP, FrameStats, Handle, OrientedHandle, Placement, Targets};
+use super::{Deformer, FrameStats, Handle, OrientedHandle, Placement, Targets};
 use crate::error::{Error, Result};
 use body::tip;
 use geometry::volume;
 use glam::DVec3;
-use newton::{Goals, Minimum, Newton, Settings, Stop, Tension, Weights};
+use newton::{Goals, Minimum, Newton, Settings, Tension, Weights};
 use pulls::Pulls;
 use shell::Shell;
 use starts::Starts;
@@ -66,7 +67,8 @@ pub struct Options {
     pub steps: u32,
     /// Relative decrease of the energy below which a frame is solved.
     pub decrease: f64,
-    /// Root mean square of the moves of a step, in diagonals, below which a frame is solved.
+    /// Root mean square of the moves of a step, in diagonals, below which a frame is solved. Where this and `decrease` are 0, `steps` is a fixed
+    /// count, whose frames say nothing of how well they are solved.
     pub still: f64,
     /// Factor of the stiffness of each triangle; empty: 1.
     pub stiffness: Vec<f64>,
@@ -89,6 +91,33 @@ impl Options {
             rigid: Vec::new(),
         }
     }
+
+    fn is_fixed_count(&self) -> bool {
+        self.decrease <= 0.0 && self.still <= 0.0
+    }
+
+    /// Stiffness of each triangle with that of the rigid groups; empty: 1.
+    fn stiffness(&self, faces: usize) -> Result<Vec<f64>> {
+        let mut stiffness = self.stiffness.clone();
+        if !stiffness.is_empty() && stiffness.len() != faces {
+            return Err(Error::refused(format!("{} stiffness values for {faces} triangles", stiffness.len())));
+        }
+        if let Some(t) = stiffness.iter().position(|k| !(k.is_finite() && *k > 0.0)) {
+            return Err(Error::refused(format!("stiffness {} of triangle {t}", stiffness[t])).expected("a positive number"));
+        }
+        if !self.rigid.is_empty() {
+            stiffness.resize(faces, 1.0);
+        }
+        for (number, group) in self.rigid.iter().enumerate() {
+            for &t in group {
+                let Some(factor) = stiffness.get_mut(t as usize) else {
+                    return Err(Error::refused(format!("rigid group {number}: triangle {t} of a shell with {faces}")));
+                };
+                *factor *= RIGID;
+            }
+        }
+        Ok(stiffness)
+    }
 }
 
 /// Stiffness of what is rigid.
@@ -97,8 +126,6 @@ const RIGID: f64 = 30.0;
 const DAMPING: f64 = 1e-9;
 /// Mean distance of the handles from their targets, in diagonals, from which a frame begins anew: a cut in the take.
 const CUT: f64 = 0.1;
-/// Root mean square of the moves of the last step, in diagonals, up to which a frame that was not solved to the tolerance counts as solved.
-const SETTLED: f64 = 1e-4;
 /// A hinge that is so far from its wanted angle, in radians, is turned inside out.
 const INSIDE_OUT: f64 = 2.0;
 
@@ -114,24 +141,22 @@ pub struct Shells {
     pose: Vec<DVec3>,
     last: FrameStats,
     is_cold: bool,
+    is_fixed_count: bool,
 }
 
 impl Shells {
     /// A shell with handles; rows are over [`Body::proxy`].
     ///
     /// # Errors
-    /// Handles that are broken or do not hold a part of the mesh; a mesh that is no surface.
+    /// Handles that are broken; a part of the mesh that no handle holds; stiffness for other triangles than there are; a mesh that is no surface.
     pub fn new(body: &Body, handles: &[Handle], oriented: &[OrientedHandle], options: &Options) -> Result<Self> {
         super::volumetric::check_handles(&body.proxy, handles)?;
         let n = body.vertices();
         let faces = &body.proxy.boundary;
-        let mut stiffness = options.stiffness.clone();
-        if !options.rigid.is_empty() {
-            stiffness.resize(faces.len(), 1.0);
-            options.rigid.iter().flatten().for_each(|&t| stiffness[t as usize] *= RIGID);
-        }
+        let stiffness = options.stiffness(faces.len())?;
         let shell = Shell::new(&body.proxy.rest[..n], faces, &body.examples, &options.material, &stiffness)?;
         let pulls = Pulls::new(&body.proxy, handles, oriented, options.hardness / shell.diagonal.powi(2));
+        check_components(body, &pulls)?;
         let weights = vec![0.0; shell.examples.len()];
         let newton = Newton::new(shell, &pulls.held(n), pulls.grips());
         let free = Weights::Free { bounds: options.bounds, regularization: options.regularization };
@@ -153,6 +178,7 @@ impl Shells {
             pose: body.proxy.rest.clone(),
             last: FrameStats { converged: true, volume_ratio: 1.0, ..FrameStats::default() },
             is_cold: true,
+            is_fixed_count: options.is_fixed_count(),
         })
     }
 
@@ -177,10 +203,7 @@ impl Shells {
             self.newton.minimize(&mut self.x, &mut self.weights, &self.pulls.goals(), &self.settings)
         };
         if !minimum.energy().is_finite() || self.starts.leaps(minimum.shell()) {
-            recovered = !minimum.energy().is_finite();
-            let again = self.restart(minimum);
-            minimum.steps += again.steps;
-            minimum = Minimum { steps: minimum.steps, ..again };
+            (minimum, recovered) = self.restart(minimum);
         }
         if !minimum.energy().is_finite() || self.x.iter().any(|p| !p.is_finite()) {
             self.is_cold = true;
@@ -201,16 +224,19 @@ impl Shells {
         self.starts.best(&mut self.newton, &self.pulls, &goals, &self.settings, &mut self.x, &mut self.weights)
     }
 
-    /// Solves from rest and examples, and takes the best if it is better than what there is.
-    fn restart(&mut self, found: Minimum) -> Minimum {
+    /// Solves from rest and examples, and takes the best if it is better than what there is; whether it was.
+    fn restart(&mut self, found: Minimum) -> (Minimum, bool) {
         let (x, weights) = (self.x.clone(), self.weights.clone());
         let again = self.begin();
-        if found.energy().is_finite() && found.energy() <= again.energy() {
+        let steps = found.steps + again.steps;
+        let is_better = again.energy() < found.energy() || !found.energy().is_finite();
+        if !is_better {
             self.x = x;
             self.weights = weights;
-            return Minimum { steps: again.steps, ..found };
+            self.starts.wait();
+            return (Minimum { steps, ..found }, false);
         }
-        again
+        (Minimum { steps, ..again }, true)
     }
 
     fn write_pose(&mut self) {
@@ -227,11 +253,11 @@ impl Shells {
         let (inverted, fold) = self.newton.inside_out(&self.x, &self.weights, INSIDE_OUT);
         FrameStats {
             passes: minimum.steps,
+            step: minimum.last.map_or(0.0, |moves| moves.most),
             // A step of Newton's method says how far the step before was off; what is left after it is less.
-            step: minimum.still / ERROR_PER_STEP,
-            error: Some(minimum.still),
+            error: minimum.last.filter(|_| !self.is_fixed_count && minimum.is_settled()).map(|moves| moves.most),
             violation: None,
-            converged: minimum.stop != Stop::Cap || minimum.still < SETTLED,
+            converged: self.is_fixed_count || minimum.is_settled(),
             recovered,
             energy: minimum.energy(),
             inverted,
@@ -261,6 +287,29 @@ impl Deformer for Shells {
     fn weights(&self) -> &[f64] {
         &self.weights
     }
+}
+
+/// Every connected part hangs on a handle.
+fn check_components(body: &Body, pulls: &Pulls) -> Result<()> {
+    let proxy = &body.proxy;
+    let count = proxy.components.iter().max().map_or(0, |&last| last as usize + 1);
+    let mut of_vertex = vec![0; body.vertices()];
+    for (face, &component) in proxy.boundary.iter().zip(&proxy.components) {
+        face.iter().for_each(|&v| of_vertex[v as usize] = component as usize);
+    }
+    let mut held = vec![false; count];
+    pulls.holding().for_each(|v| held[of_vertex[v as usize]] = true);
+    let Some(free) = held.iter().position(|held| !held) else { return Ok(()) };
+    let members: Vec<DVec3> =
+        of_vertex.iter().zip(&proxy.rest).filter(|(component, _)| **component == free).map(|(_, p)| *p).collect();
+    let centre = members.iter().sum::<DVec3>() / members.len().max(1) as f64;
+    let faces = proxy.components.iter().filter(|component| **component as usize == free).count();
+    Err(Error::refused(format!(
+        "no handle holds component {} of {count} of the shell: {faces} triangles around {centre:.3} in the unit box",
+        free + 1
+    ))
+    .expected("at least one handle on every component")
+    .hint("a marker on it, or a scan without the loose part"))
 }
 
 impl Goals<'_> {

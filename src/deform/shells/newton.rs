@@ -10,6 +10,8 @@ use glam::{DMat3, DVec3};
 const SHORTEST: f64 = 1e-10;
 /// Energy below which there is nothing left to gain.
 const NOTHING: f64 = 1e-24;
+/// Root mean square of the moves of the last step, in diagonals, below which a pose that was not solved to the tolerance counts as solved.
+const SETTLED: f64 = 1e-4;
 
 /// When the second derivative of stretched edges is part of the matrix. The minimum is the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,12 +56,20 @@ pub(super) struct Goals<'a> {
 /// Why it ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Stop {
-    #[default]
     Converged,
+    #[default]
     Cap,
     NoDecrease,
     /// The matrix could not be factored.
     Singular,
+}
+
+/// How far a step moves the vertices, in diagonals.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Moves {
+    /// Root mean square.
+    pub mean: f64,
+    pub most: f64,
 }
 
 /// What a minimization amounted to.
@@ -68,14 +78,19 @@ pub(super) struct Minimum {
     pub steps: u32,
     /// Stretching, bending, volume, pulls, weights.
     pub terms: [f64; 5],
-    /// Root mean square of the moves of the last step, in diagonals.
-    pub still: f64,
+    /// The last step, or the one that was refused since it lessened nothing; none where there was neither.
+    pub last: Option<Moves>,
     pub stop: Stop,
 }
 
 impl Minimum {
     pub fn energy(&self) -> f64 {
         self.terms.iter().sum()
+    }
+
+    /// Whether what is left to move is little.
+    pub fn is_settled(&self) -> bool {
+        self.stop == Stop::Converged || self.last.is_some_and(|moves| moves.mean < SETTLED)
     }
 
     /// What the shell itself resists.
@@ -153,7 +168,7 @@ impl Newton {
             let before = result.energy();
             let tries: &[bool] = if settings.tension == Tension::Always { &[true] } else { &[false, true] };
             let mut best: Option<(usize, [f64; 5], f64)> = None;
-            let mut singular = true;
+            let mut refused = None;
             for (slot, &tension) in tries.iter().enumerate() {
                 let unknown = match settings.weights {
                     Weights::Given => None,
@@ -165,7 +180,7 @@ impl Newton {
                 if found.is_none() {
                     continue;
                 }
-                singular = false;
+                refused = Some(slot);
                 let Some((terms, share)) = self.search(slot, x, weights, goals, settings, before) else { continue };
                 let energy: f64 = terms.iter().sum();
                 if best.is_none_or(|(_, other, _)| energy < other.iter().sum()) {
@@ -176,7 +191,8 @@ impl Newton {
                 }
             }
             let Some((slot, terms, share)) = best else {
-                result.stop = if singular { Stop::Singular } else { Stop::NoDecrease };
+                result.stop = if refused.is_none() { Stop::Singular } else { Stop::NoDecrease };
+                result.last = refused.map(|slot| self.moves(slot, 1.0)).or(result.last);
                 break;
             };
             let (moved, reweighted) = &self.trials[slot];
@@ -184,15 +200,23 @@ impl Newton {
             weights.copy_from_slice(reweighted);
             result.steps += 1;
             result.terms = terms;
-            let squares: f64 = self.directions[slot].moves.iter().map(|m| m.length_squared()).sum();
-            result.still = share * (squares / x.len().max(1) as f64).sqrt() / self.shell.diagonal;
+            let moves = self.moves(slot, share);
+            result.last = Some(moves);
             let energy = result.energy();
-            if before - energy < settings.decrease * before || result.still < settings.still || energy < NOTHING {
+            if before - energy < settings.decrease * before || moves.mean < settings.still || energy < NOTHING {
                 result.stop = Stop::Converged;
                 break;
             }
         }
         result
+    }
+
+    /// Moves of a share of a step.
+    fn moves(&self, slot: usize, share: f64) -> Moves {
+        let moves = &self.directions[slot].moves;
+        let squares = || moves.iter().map(|m| m.length_squared());
+        let length = |square: f64| share * square.sqrt() / self.shell.diagonal;
+        Moves { mean: length(squares().sum::<f64>() / moves.len().max(1) as f64), most: length(squares().fold(0.0, f64::max)) }
     }
 
     /// The longest share of a step, by halves, that lessens the energy; the pose there is left in the trial.

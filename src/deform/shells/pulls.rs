@@ -153,6 +153,12 @@ impl Pulls {
         }
     }
 
+    /// Vertices that handles hold.
+    pub fn holding(&self) -> impl Iterator<Item = u32> {
+        let pulled = self.grips.iter().flat_map(|grip| &grip.pull.vertices).copied();
+        pulled.chain(self.exact.iter().map(|(v, _)| *v))
+    }
+
     /// Whether anything pulls.
     pub fn any(&self) -> bool {
         self.weights.iter().any(|w| *w > 0.0)

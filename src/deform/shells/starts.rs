@@ -20,6 +20,8 @@ const MEMORY: usize = 20;
 /// Multiple of their median from which a frame has leapt into another valley, and the least energy of which that is said.
 const LEAP: f64 = 10.0;
 const NOTHING: f64 = 10.0;
+/// Frames without another attempt after one that found nothing better: each costs as much as many frames.
+const WAIT: u32 = 8;
 
 /// Poses to start from, and what the last frames cost.
 #[derive(Clone, Debug)]
@@ -31,6 +33,8 @@ pub(super) struct Starts {
     energies: Vec<f64>,
     sorted: Vec<f64>,
     next: usize,
+    /// Frames that are still to wait.
+    waiting: u32,
 }
 
 impl Starts {
@@ -44,6 +48,7 @@ impl Starts {
             energies: Vec::with_capacity(MEMORY),
             sorted: Vec::with_capacity(MEMORY),
             next: 0,
+            waiting: 0,
         }
     }
 
@@ -51,6 +56,12 @@ impl Starts {
     pub fn forget(&mut self) {
         self.energies.clear();
         self.next = 0;
+        self.waiting = 0;
+    }
+
+    /// Nothing better was found: says of the next frames that they do not leap.
+    pub fn wait(&mut self) {
+        self.waiting = WAIT;
     }
 
     /// Remembers what a frame cost.
@@ -63,8 +74,12 @@ impl Starts {
         self.next = (self.next + 1) % MEMORY;
     }
 
-    /// Whether a frame costs far more than those before it.
+    /// Whether a frame costs far more than those before it; asked once per frame.
     pub fn leaps(&mut self, energy: f64) -> bool {
+        if self.waiting > 0 {
+            self.waiting -= 1;
+            return false;
+        }
         if self.energies.len() < MEMORY / 2 {
             return false;
         }
@@ -166,5 +181,24 @@ impl Rigid {
         let all = points.iter().zip(goals.positions).zip(goals.weights).filter(|(_, w)| **w > 0.0);
         let (sum, count) = all.fold((0.0, 0), |(sum, count), ((p, t), _)| (sum + self.apply(*p).distance(*t), count + 1));
         sum / f64::from(count.max(1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn after_a_vain_attempt_some_frames_pass_before_the_next() {
+        let (energies, sorted) = (vec![1.0; MEMORY], Vec::new());
+        let mut starts = Starts { poses: Vec::new(), holds: Vec::new(), energies, sorted, next: 0, waiting: 0 };
+        assert!(!starts.leaps(9.0) && starts.leaps(11.0));
+        starts.wait();
+        assert!((0..WAIT).all(|_| !starts.leaps(11.0)));
+        assert!(starts.leaps(11.0));
+        starts.wait();
+        starts.forget();
+        starts.energies.resize(MEMORY, 1.0);
+        assert!(starts.leaps(11.0));
     }
 }

@@ -29,8 +29,10 @@ const HARMLESS: f64 = 1e-6;
 /// The plain step is halved no further than to this part.
 const LEAST_STEP: f64 = 0.02;
 
-/// Part of the tetrahedra that are inside out where a pose is worthless; in the deepest squat it is a three-hundredth.
+/// Part of the tetrahedra that are inside out, or turned otherwise than they lie, where a state is worthless; in the deepest squat it is a three-hundredth.
 const LOST: f64 = 0.05;
+/// Cosine of half the angle between two rotations from which they are of different poses.
+const QUARTER_TURN: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 pub(super) struct Settings {
     pub(super) tolerance: f64,
@@ -83,10 +85,11 @@ impl Volumetric {
     /// Solves for the targets that the handles have; leaves the pose in `p` and the one before in `before`.
     pub(super) fn frame(&mut self) -> FrameStats {
         self.memory.energies.clear();
+        let lost = self.settings.iterations.is_some() && self.settings.rotation_steps.is_none() && self.is_lost();
         let turned = self.turn_with_handles();
         let mut stats = match self.settings.iterations {
             Some(count) => match self.settings.rotation_steps {
-                None => self.alternate(count),
+                None => self.alternate(count, lost),
                 Some(steps) => self.alternate_warm(count, steps),
             },
             None => self.descend(turned),
@@ -97,12 +100,27 @@ impl Volumetric {
         stats
     }
 
-    /// The paper's way: linear solve and exact rotations in turn.
-    fn alternate(&mut self, count: u32) -> FrameStats {
+    /// Whether the state that a frame of plain iterations begins with is worthless: much is inside out, or its rotations are those of another pose. No
+    /// frame leaves such a state behind.
+    fn is_lost(&mut self) -> bool {
+        let blocks = self.blocks.list.len();
+        let most = LOST * 4.0 * blocks as f64;
+        if f64::from(self.blocks.measure(&self.p).0) > most {
+            return true;
+        }
+        self.memory.aside.copy_from_slice(&self.rotations);
+        self.blocks.extract(&self.p, &mut self.memory.aside);
+        let pairs = self.rotations.iter().zip(&self.memory.aside);
+        let lanes = pairs.flat_map(|(a, b)| (0..4).map(|k| rotation::lane(a, k).dot(rotation::lane(b, k))));
+        lanes.filter(|dot| dot.abs() < QUARTER_TURN).count() as f64 > most
+    }
+
+    /// The paper's way: linear solve and exact rotations in turn. `lost`: whether the frame begins with a worthless state.
+    fn alternate(&mut self, count: u32, lost: bool) -> FrameStats {
         self.before.copy_from_slice(&self.p);
         self.oriented.put_given(&mut self.p);
         let mut energy = self.evaluate(Place::Current, 0);
-        let (mut step, mut passes, mut careful) = (0.0, count + 1, true);
+        let (mut step, mut passes, mut careful, mut recovered) = (0.0, count + 1, true, false);
         for iteration in 0..count {
             step = self.global_step();
             if careful {
@@ -113,13 +131,15 @@ impl Volumetric {
             }
             self.blocks.extract(&self.p, &mut self.rotations);
             energy = self.evaluate(Place::Current, 0);
-            if iteration == 0 && f64::from(self.blocks.measure(&self.p).0) > LOST * 4.0 * self.blocks.list.len() as f64 {
-                energy = self.start_over(energy);
+            if iteration == 0 && lost {
+                let other = self.start_over(energy);
+                recovered = other < energy;
+                energy = other.min(energy);
                 passes += 2;
             }
             self.memory.energies.push(energy);
         }
-        FrameStats { passes, step: step / self.settings.diagonal, converged: true, energy, ..Default::default() }
+        FrameStats { passes, step: step / self.settings.diagonal, converged: true, recovered, energy, ..Default::default() }
     }
 
     /// The same with rotations that follow by so many steps: one pass and one solve per iteration.
@@ -137,7 +157,8 @@ impl Volumetric {
     }
 
     /// One iteration from the body at rest where the handles are, turned with them, instead of a worthless pose, if that has less `energy`: the plain
-    /// iteration has no longest step, but lets the slow waves that random positions leave go by a hundredth at a time. The energy of the better pose.
+    /// iteration has no longest step, but lets the slow waves that random positions leave go by a hundredth at a time. Not in the paper; frames that begin
+    /// with a sound state are left to the paper's way. The energy from there.
     fn start_over(&mut self, energy: f64) -> f64 {
         self.memory.trial.copy_from_slice(&self.p);
         self.memory.aside.copy_from_slice(&self.rotations);

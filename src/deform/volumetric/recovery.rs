@@ -116,7 +116,7 @@ fn recover(name: &str, seeds: std::ops::RangeInclusive<u64>, make: impl Fn(&Opti
                     let energies = deformer.energies();
                     // At rest it is rounding.
                     assert!(energies.windows(2).all(|e| e[1] <= e[0] * (1.0 + 1e-9) + 1e-25), "{name} {lost:?}: {energies:?}");
-                    assert!(!stats.recovered, "{name} {lost:?}: {stats:?}");
+                    assert!(!stats.recovered || options.iterations.is_some(), "{name} {lost:?}: {stats:?}");
                 }
                 (distance(deformer.pose(), exact) / diagonal, passes, frames)
             });
@@ -141,8 +141,7 @@ fn recover(name: &str, seeds: std::ops::RangeInclusive<u64>, make: impl Fn(&Opti
             count.passes.last().unwrap(),
             count.frames
         );
-        // One of twenty may end in another minimum by default: of the human's sixty one does.
-        assert!(count.plain == count.all && count.default + count.all / 20 >= count.all, "{name} {lost:?}");
+        assert!(count.plain == count.all && count.default == count.all, "{name} {lost:?}");
     }
 }
 

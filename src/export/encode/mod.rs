@@ -68,7 +68,8 @@ const RARE: usize = 100;
 /// By what a motion is stored.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Encode {
-    /// A track of each rigid part, if there is nothing else; else a skin, and corrective morph targets where joints no longer help.
+    /// A track of each rigid part, if there is nothing else; else a skin, and corrective morph targets where joints no longer help; else morph
+    /// targets alone.
     #[default]
     Auto,
     /// A skin alone.
@@ -196,7 +197,7 @@ impl<M: PointMap> Job<'_, M> {
     /// While it is on trial a skin is measured on the frames that it was learned from and the worst others; in the end on all.
     ///
     /// # Errors
-    /// [`Kind::Unreached`](crate::error::Kind::Unreached) with the error that is left and its frame, counted from 0.
+    /// [`Kind::Unreached`] with the error that is left and its frame, counted from 0.
     pub fn run(&self) -> Result<Encoded> {
         let motion = Motion::new(self.spool, self.proxy_rest, self.cancel)?;
         let encoded = match self.encode {
@@ -204,16 +205,27 @@ impl<M: PointMap> Job<'_, M> {
             Encode::Skin => self.skinned(&motion)?,
             Encode::Auto => match parts::encode(self, &motion)? {
                 Some(encoded) => encoded,
-                None => self.skinned(&motion)?,
+                None => match self.skinned(&motion)? {
+                    skinned if self.misses(&skinned.summary) => {
+                        // What few joints cannot do in all frames, a basis of poses may.
+                        let morphed = basis::encode(self, &motion)?;
+                        if self.misses(&morphed.summary) { skinned } else { morphed }
+                    }
+                    skinned => skinned,
+                },
             },
         };
         let summary = &encoded.summary;
-        let (worst, rms) = (summary.worst / self.space.scale, summary.rms / self.space.scale);
-        if self.tolerance.used(worst, rms) > 1.0 {
+        if self.misses(summary) {
+            let (worst, rms) = (summary.worst / self.space.scale, summary.rms / self.space.scale);
             let [worst, rms] = [worst, rms].map(|e| words::digits(100.0 * e));
             return Err(Error::new(Kind::Unreached, format!("{worst} % worst, {rms} % rms")).at(summary.frame.to_string()));
         }
         Ok(encoded)
+    }
+
+    fn misses(&self, summary: &Summary) -> bool {
+        self.tolerance.used(summary.worst / self.space.scale, summary.rms / self.space.scale) > 1.0
     }
 
     fn skinned(&self, motion: &Motion<'_>) -> Result<Encoded> {

@@ -217,7 +217,9 @@ impl<'a> Puppeteer<'a> {
             }
             self.targets[k] = match drive.parent {
                 Some(parent) => {
-                    let direction = (self.own[k] - self.own[parent]).normalize_or_zero();
+                    let bone = self.own[k] - self.own[parent];
+                    // Normalizing to zero would hide that a joint is missing.
+                    let direction = if bone.is_finite() { bone.normalize_or_zero() } else { DVec3::NAN };
                     self.targets[parent] + direction * self.bones[k]
                 }
                 None => {
@@ -260,6 +262,12 @@ impl<'a> Puppeteer<'a> {
                 let rests = height < NEAR * leg && speed < SLOW * leg && here.is_finite();
                 let home = self.drives[k].spot.1.dot(up);
                 let target = &mut self.targets[k];
+                if !target.is_finite() {
+                    // What is not a number would stay in the hold for ever.
+                    foot.held[which] = None;
+                    foot.fading[which] = (0.0, DVec3::ZERO);
+                    continue;
+                }
                 if rests {
                     let held = *foot.held[which].get_or_insert_with(|| {
                         let start = *target + foot.fading[which].1 * foot.fading[which].0;
