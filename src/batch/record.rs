@@ -262,10 +262,11 @@ mod tests {
     fn an_input_that_was_written_during_the_run_counts_as_changed() {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("list.csv"), "scan,capture,out\na,b,c.glb\n").unwrap();
-        fs::write(folder.path().join("a"), "a").unwrap();
+        ["a", "c.glb"].iter().for_each(|name| fs::write(folder.path().join(name), name).unwrap());
         let manifest = Manifest::read(&folder.path().join("list.csv"), [("out".into(), Takes::Path)].into()).unwrap();
         let mut record = Record::begin(&manifest, &manifest.takes[0]);
-        record.complete(&manifest, &[folder.path().join("a")], &[], SystemTime::UNIX_EPOCH).unwrap();
+        let outputs = manifest.outputs(&manifest.takes[0]);
+        record.complete(&manifest, &[folder.path().join("a")], &outputs, SystemTime::UNIX_EPOCH).unwrap();
         assert_eq!(Record::due(Some(&record), &manifest, &manifest.takes[0]), Some(Due::Changed("a has changed".into())));
     }
 }

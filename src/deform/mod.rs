@@ -88,7 +88,7 @@ pub struct FrameStats {
     pub error: Option<f64>,
     /// Whether the tolerance was reached before the cap (always true with a fixed count of iterations).
     pub converged: bool,
-    /// Whether the pose had become worthless (not finite; with plain iterations also much of it inside out) and was found again from the aligned rest pose, or a shell found a better one from another start.
+    /// Whether the pose had become worthless (not finite; or much of it inside out) and was found again from the aligned rest pose, or a shell found a better one from another start.
     pub recovered: bool,
     /// The energy of the pose.
     pub energy: f64,

@@ -239,13 +239,12 @@ fn markers_in_millimetres_lie_on_a_model_in_metres_off_the_origin() {
     let turned = run("drive.trc", "turned", &["--align", "none", "--yaw", "40", "--capture-up", "+X"]);
     assert!(turned.status.success() && words(&turned).contains("--yaw and --capture-up not used"), "{}", words(&turned));
     is_met("turned");
-    let refused: [&[&str]; 9] = [
+    let refused: [&[&str]; 8] = [
         &["--mirror"],
         &["--swap-sides"],
         &["--flip"],
         &["--map", "paper"],
         &["--solve-tolerance", "1e-5"],
-        &["--cache", "kept"],
         &["--ref", "3"],
         &["--ref-file", "drive.trc"],
         &["--align", "pose"],

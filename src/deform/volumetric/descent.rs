@@ -103,16 +103,24 @@ impl Volumetric {
     /// Whether the state that a frame of plain iterations begins with is worthless: much is inside out, or its rotations are those of another pose. No
     /// frame leaves such a state behind.
     fn is_lost(&mut self) -> bool {
-        let blocks = self.blocks.list.len();
-        let most = LOST * 4.0 * blocks as f64;
-        if f64::from(self.blocks.measure(&self.p).0) > most {
+        if self.is_inside_out() {
             return true;
         }
         self.memory.aside.copy_from_slice(&self.rotations);
         self.blocks.extract(&self.p, &mut self.memory.aside);
         let pairs = self.rotations.iter().zip(&self.memory.aside);
         let lanes = pairs.flat_map(|(a, b)| (0..4).map(|k| rotation::lane(a, k).dot(rotation::lane(b, k))));
-        lanes.filter(|dot| dot.abs() < QUARTER_TURN).count() as f64 > most
+        lanes.filter(|dot| dot.abs() < QUARTER_TURN).count() as f64 > self.most_inverted()
+    }
+
+    /// Whether so much is inside out that the pose is worthless, and was not so at the end of the last frame.
+    pub(super) fn is_inside_out(&self) -> bool {
+        let most = self.most_inverted();
+        f64::from(self.last.inverted) <= most && f64::from(self.blocks.measure(&self.p).0) > most
+    }
+
+    fn most_inverted(&self) -> f64 {
+        LOST * 4.0 * self.blocks.list.len() as f64
     }
 
     /// The paper's way: linear solve and exact rotations in turn. `lost`: whether the frame begins with a worthless state.

@@ -314,7 +314,8 @@ impl Volumetric {
         }
         let soft = (0..self.handles.len()).map(|h| (self.handles.target(h), self.handles.present_weight(h) > 0.0));
         self.lead.follow(soft.chain(self.oriented.targets().map(|target| (target, true))));
-        if cold || self.frames == 0 || self.jumps() {
+        let lost = !cold && self.settings.iterations.is_none() && self.is_inside_out();
+        if cold || self.frames == 0 || lost || self.jumps() {
             self.align();
         } else if presence == Presence::Same && self.stays() {
             return Ok(self.hold());
@@ -330,6 +331,7 @@ impl Volumetric {
                 return Err(Error::refused("the pose is not finite").expected("targets within reach of the body"));
             }
         }
+        stats.recovered |= lost;
         self.frames = self.frames.saturating_add(1).min(2);
         self.write_pose();
         self.last = stats;
