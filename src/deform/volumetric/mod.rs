@@ -315,12 +315,19 @@ impl Volumetric {
         let soft = (0..self.handles.len()).map(|h| (self.handles.target(h), self.handles.present_weight(h) > 0.0));
         self.lead.follow(soft.chain(self.oriented.targets().map(|target| (target, true))));
         let lost = !cold && self.settings.iterations.is_none() && self.is_inside_out();
-        if cold || self.frames == 0 || lost || self.jumps() {
+        let starts = cold || self.frames == 0 || lost || self.jumps();
+        if starts {
             self.align();
         } else if presence == Presence::Same && self.stays() {
             return Ok(self.hold());
         }
         let mut stats = self.frame();
+        if starts && !stats.converged {
+            // A start far away may take more than one frame's passes; a film begins with it.
+            let passes = stats.passes;
+            stats = self.frame();
+            stats.passes += passes;
+        }
         if !self.is_finite(&stats) {
             self.align();
             stats = self.frame();
