@@ -83,10 +83,11 @@ began=$(date +%s.%N)
 job=$(sbatch --parsable --array=1-12 --cpus-per-task=1 --time=0:10:00 --output="$work/%a.log" farm/retarget.sbatch "$work/slurm/list.csv")
 done_takes() { grep -l '"state": "done"' "$work"/slurm/out/*.take.json 2>/dev/null | wc -l; }
 until [ "$(done_takes)" -ge 2 ]; do sleep 0.2; done
-victim=$(pgrep -f "batch $work/slurm/list.csv --index" | head -n 1)
-echo "killed: process of take $(tr '\0' ' ' <"/proc/$victim/cmdline" | sed 's/.*--index \([0-9]*\).*/\1/') after $(done_takes) takes"
+# Between two tasks there is none.
+until victim=$(pgrep -f "batch $work/slurm/list.csv --index" | head -n 1) && [ -n "$victim" ]; do sleep 0.05; done
 killed=$(tr '\0' ' ' <"/proc/$victim/cmdline" | sed 's/.*--index \([0-9]*\).*/\1/')
 kill -9 "$victim"
+echo "killed: the process of take $killed after $(done_takes) takes"
 until [ "$(done_takes)" -ge 5 ]; do sleep 0.2; done
 echo "killed: the node's daemon and its tasks after $(done_takes) takes"
 kill -9 "$(cat "$work/slurmd.pid")"
