@@ -96,7 +96,7 @@ pkill -9 -f "batch $work/slurm/list.csv --index" || true
 sleep 3
 slurmd -f "$SLURM_CONF"
 # A task that failed, unlike one that lost its node, waits to be asked for again.
-until squeue -h -t all -j "${job}_$killed" -o %t | grep -qE '^(F|NF|CA|TO|)$'; do sleep 0.5; done
+for _ in $(seq 40); do squeue -h -t all -j "${job}_$killed" -o %t 2>/dev/null | grep -qE '^(F|NF|CA|TO)$' && break; sleep 0.5; done
 scontrol requeue "${job}_$killed" 2>/dev/null || true
 for _ in $(seq 600); do
   [ "$(done_takes)" -ge 12 ] && break
