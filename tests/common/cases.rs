@@ -15,10 +15,11 @@ use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
 
-type Arrays = BTreeMap<String, Vec<f64>>;
+/// Arrays by their names.
+pub type Arrays = BTreeMap<String, Vec<f64>>;
 
 /// Numeric arrays of an `.npz` file, flattened and widened; `None` where there is no such file.
-fn read_npz(path: &Path) -> Option<Arrays> {
+pub fn read_npz(path: &Path) -> Option<Arrays> {
     let zip = std::fs::read(path).ok()?;
     let u16_at = |at: usize| usize::from(u16::from_le_bytes(zip[at..at + 2].try_into().unwrap()));
     let u32_at = |at: usize| u32::from_le_bytes(zip[at..at + 4].try_into().unwrap()) as usize;

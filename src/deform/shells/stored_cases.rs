@@ -5,55 +5,22 @@ use super::geometry::volume;
 use super::newton::{Goals, Grip, Minimum, Newton, Settings, Tension, Weights};
 use super::quadratic::Bounds;
 use super::shell::{Material, Shell};
+use crate::deform::volumetric::stored_poses::cases::{self, Arrays};
 use crate::linalg::nearest_rotation;
 use glam::{DMat3, DVec3};
-use std::collections::BTreeMap;
-use std::io::Read;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// Numeric arrays of an `.npz` file, flattened and widened.
-fn read_npz(name: &str) -> Option<BTreeMap<String, Vec<f64>>> {
+/// Arrays of a stored case, where it is present.
+fn read_npz(name: &str) -> Option<Arrays> {
     let shared = std::env::var_os("RETARGET_SHARED")
         .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
     let path = shared.join("bench/shells_cases").join(name);
-    let Ok(zip) = std::fs::read(&path) else {
+    let arrays = cases::read_npz(&path);
+    if arrays.is_none() {
         eprintln!("skipped: {} is not there", path.display());
-        return None;
-    };
-    let u16_at = |at: usize| usize::from(u16::from_le_bytes(zip[at..at + 2].try_into().unwrap()));
-    let u32_at = |at: usize| u32::from_le_bytes(zip[at..at + 4].try_into().unwrap()) as usize;
-    let end = (0..zip.len() - 21).rev().find(|&at| zip[at..].starts_with(b"PK\x05\x06")).unwrap();
-    let mut entry = u32_at(end + 16);
-    let mut arrays = BTreeMap::new();
-    for _ in 0..u16_at(end + 10) {
-        let (method, packed, local) = (u16_at(entry + 10), u32_at(entry + 20), u32_at(entry + 42));
-        let name = String::from_utf8_lossy(&zip[entry + 46..][..u16_at(entry + 28)]).trim_end_matches(".npy").to_owned();
-        let data = &zip[local + 30 + u16_at(local + 26) + u16_at(local + 28)..][..packed];
-        let mut npy = Vec::new();
-        match method {
-            0 => npy.extend_from_slice(data),
-            _ => _ = flate2::read::DeflateDecoder::new(data).read_to_end(&mut npy).unwrap(),
-        }
-        arrays.extend(numbers(&npy).map(|numbers| (name, numbers)));
-        entry += 46 + u16_at(entry + 28) + u16_at(entry + 30) + u16_at(entry + 32);
     }
-    Some(arrays)
-}
-
-/// Numbers of a little-endian `.npy` file in C order.
-fn numbers(npy: &[u8]) -> Option<Vec<f64>> {
-    let header = 10 + usize::from(u16::from_le_bytes([npy[8], npy[9]]));
-    let text = String::from_utf8_lossy(&npy[10..header]);
-    let data = &npy[header..];
-    let kind = text.split('\'').nth(3)?;
-    Some(match kind {
-        "<f4" => data.as_chunks().0.iter().map(|b| f64::from(f32::from_le_bytes(*b))).collect(),
-        "<f8" => data.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect(),
-        "<i4" => data.as_chunks().0.iter().map(|b| f64::from(i32::from_le_bytes(*b))).collect(),
-        "<i8" => data.as_chunks().0.iter().map(|b| i64::from_le_bytes(*b) as f64).collect(),
-        _ => return None,
-    })
+    arrays
 }
 
 fn points(numbers: &[f64]) -> Vec<DVec3> {

@@ -31,7 +31,7 @@ mod precision;
 #[cfg(test)]
 mod recovery;
 #[cfg(test)]
-mod stored_poses;
+pub(crate) mod stored_poses;
 
 use super::{Deformer, ERROR_PER_STEP, FrameStats, Handle, OrientedHandle, Placement, Targets};
 use crate::error::{Error, Result};

@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::print_stderr)]
 
 #[path = "../../../tests/common/cases.rs"]
-mod cases;
+pub(crate) mod cases;
 
 use super::{Options, Volumetric};
 use crate::deform::{Deformer, FrameStats, Targets};
