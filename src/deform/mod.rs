@@ -83,7 +83,7 @@ pub struct FrameStats {
     pub passes: u32,
     /// Largest move of the last preconditioned step, in diagonals.
     pub step: f64,
-    /// About how far the worst vertex is from the minimum of the energy, in diagonals: twenty steps. `None` with a fixed count of iterations, whose
+    /// About how far the worst vertex is from the minimum of the energy, in diagonals. `None` with a fixed count of iterations, whose
     /// steps tell nothing of it.
     pub error: Option<f64>,
     /// Whether the tolerance was reached before the cap (always true with a fixed count of iterations).
@@ -102,7 +102,7 @@ pub struct FrameStats {
     pub violation: Option<joints::Violation>,
 }
 
-/// The error of a pose over the last step of the solver, as measured; at worst twice that.
+/// The error of a pose over the last step of the solver that a tolerance counts on.
 pub(crate) const ERROR_PER_STEP: f64 = 20.0;
 
 /// Poses a body from handle targets, frame after frame.

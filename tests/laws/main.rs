@@ -23,7 +23,7 @@ use tally::Tally;
 const REST: f64 = 1e-6;
 /// A rigid motion comes back through solve and map.
 const RIGID: f64 = 1e-5;
-/// A frame ends within about twenty tolerances of the minimum, 5e-6 as a rule: two ways to the same frame are twice that apart.
+/// A frame ends within about twenty tolerances of the minimum, 4e-6 as a rule: two ways to the same frame are twice that apart.
 const SOLVED: f64 = 2e-4;
 /// The same for frames that are solved to 1e-7.
 const TWO_WAYS: f64 = 1e-5;

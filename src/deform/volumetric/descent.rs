@@ -36,6 +36,8 @@ const QUARTER_TURN: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 pub(super) struct Settings {
     pub(super) tolerance: f64,
+    /// The error of a pose over the last step, see [`super::calibration`].
+    pub(super) error_per_step: f64,
     /// Diagonal of the rest box.
     pub(super) diagonal: f64,
     pub(super) iterations: Option<u32>,
@@ -48,14 +50,14 @@ pub(super) struct Settings {
 pub(super) struct Memory {
     gradient: Vec<Lanes>,
     /// The plain step `A⁻¹ g`, and the full one.
-    plain: Vec<Lanes>,
-    step: Vec<Lanes>,
-    image: Vec<Lanes>,
-    trial: Vec<Lanes>,
+    pub(super) plain: Vec<Lanes>,
+    pub(super) step: Vec<Lanes>,
+    pub(super) image: Vec<Lanes>,
+    pub(super) trial: Vec<Lanes>,
     load: Vec<Lanes>,
     pub(super) pulls: Vec<[f64; 3]>,
     pub(super) pull_axis: Vec<f64>,
-    anderson: Anderson,
+    pub(super) anderson: Anderson,
     /// Rotations put aside, for plain iterations only.
     aside: Vec<Quaternions>,
     pub(super) energies: Vec<f64>,
@@ -298,7 +300,7 @@ impl Volumetric {
                         return FrameStats {
                             passes,
                             step,
-                            error: estimate(step),
+                            error: Some(step * self.settings.error_per_step),
                             converged: false,
                             energy,
                             ..Default::default()
@@ -309,15 +311,22 @@ impl Volumetric {
             std::mem::swap(&mut self.p, &mut self.memory.trial);
             energy = next;
             self.memory.energies.push(energy);
-            let converged = step < self.settings.tolerance;
+            let converged = step * self.settings.error_per_step < self.settings.tolerance * ERROR_PER_STEP;
             if converged || passes >= cap || !step.is_finite() {
-                return FrameStats { passes, step, error: estimate(step), converged, energy, ..Default::default() };
+                return FrameStats {
+                    passes,
+                    step,
+                    error: Some(step * self.settings.error_per_step),
+                    converged,
+                    energy,
+                    ..Default::default()
+                };
             }
         }
     }
 
     /// Energy at the current or the trial pose; half its gradient goes to `memory.gradient`.
-    fn evaluate(&mut self, place: Place, newton: u32) -> f64 {
+    pub(super) fn evaluate(&mut self, place: Place, newton: u32) -> f64 {
         let m = &mut self.memory;
         let p = match place {
             Place::Current => &self.p,
@@ -331,7 +340,7 @@ impl Volumetric {
     }
 
     /// From the gradient to the plain and the full step.
-    fn precondition(&mut self) {
+    pub(super) fn precondition(&mut self) {
         let m = &mut self.memory;
         m.plain.copy_from_slice(&m.gradient);
         self.handles.solve(&self.factor, &mut m.plain, &mut m.pulls, &mut m.pull_axis);
@@ -353,13 +362,8 @@ for_each_instruction_set! {
     }
 }
 
-/// The error of a pose after a step.
-fn estimate(step: f64) -> Option<f64> {
-    Some(step * ERROR_PER_STEP)
-}
-
 #[derive(Clone, Copy)]
-enum Place {
+pub(super) enum Place {
     Current,
     Trial,
 }

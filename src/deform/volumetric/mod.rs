@@ -15,6 +15,7 @@
 //! predicts linearly, completes the linear step by a coarse level, accelerates and never lets the energy rise.
 
 mod anderson;
+mod calibration;
 mod coarse;
 mod descent;
 mod drag;
@@ -51,7 +52,8 @@ use oriented::Oriented;
 /// How the deformer solves.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// A frame ends when no vertex moves farther in a step, in diagonals of the rest box. The pose is then within about twenty times that of the minimum.
+    /// A frame ends when the pose is within about twenty times this of the minimum, in diagonals of the rest box: when no vertex moves farther than this in
+    /// a step, or less far where parts hang on few handles.
     pub tolerance: f64,
     /// Exactly this many plain iterations per frame, warm, without prediction, coarse level and acceleration: the paper's way. `None`: to the tolerance.
     pub iterations: Option<u32>,
@@ -85,7 +87,7 @@ impl Options {
     /// Tolerance for a preview: 99 % of the errors below half a thousandth of the body.
     pub const DRAFT: f64 = 5e-5;
     /// The default tolerance: 99 % of the errors below a ten-thousandth of the body.
-    pub const NORMAL: f64 = 5e-6;
+    pub const NORMAL: f64 = 4e-6;
     /// Tolerance for poses that are compared with others: errors around a millionth of the body.
     pub const CONVERGED: f64 = 1e-7;
 
@@ -256,9 +258,10 @@ impl Volumetric {
         let (lo, hi) = rest.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
         let points: Vec<Lanes> = rest.iter().map(|p| Lanes::point(*p)).collect();
         let last = FrameStats { converged: true, volume_ratio: 1.0, ..Default::default() };
-        Ok(Self {
+        let mut made = Self {
             settings: Settings {
                 tolerance: options.tolerance,
+                error_per_step: ERROR_PER_STEP,
                 diagonal: (hi - lo).length(),
                 iterations: options.iterations,
                 rotation_steps: options.rotation_steps,
@@ -283,7 +286,11 @@ impl Volumetric {
             attachments,
             places,
             last,
-        })
+        };
+        if options.iterations.is_none() {
+            made.settings.error_per_step = made.error_per_step();
+        }
+        Ok(made)
     }
 
     /// Energy after each accepted step of the last frame, with that of the drag on folds, from its beginning. Never rises, but for rounding.

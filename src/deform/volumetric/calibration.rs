@@ -1,0 +1,130 @@
+//! How far a pose is from the answer, when the solver's last step was so long.
+//!
+//! That depends on the body and on where its handles are: a long limb without any creeps for many steps. So it is measured where the answer is
+//! known: with every target at rest, from a pose that smooth forces have bent.
+
+use super::Volumetric;
+use super::descent::Place;
+use crate::linalg::lanes::{Lanes, longest};
+use crate::linalg::rotation;
+use glam::DVec3;
+
+/// The least that is believed; bodies with many markers have 13 to 25.
+const LEAST: f64 = super::ERROR_PER_STEP;
+/// Where hardly anything is held, frames end before the far ends have stopped.
+const MOST: f64 = 100.0;
+/// How far the bent pose is from rest, in diagonals.
+const BEND: f64 = 0.01;
+/// Steps in diagonals between which the ratio is taken: about those at which frames end.
+const BETWEEN: (f64, f64) = (2e-6, 5e-5);
+/// Passes after which the measurement ends in any case.
+const PASSES: u32 = 60;
+
+impl Volumetric {
+    /// Measures the error over the last step; leaves the body at rest.
+    pub(super) fn error_per_step(&mut self) -> f64 {
+        let count = self.attachments.len();
+        self.asked.positions[..count].copy_from_slice(&self.attachments);
+        self.asked.presence.fill(1.0);
+        self.oriented.ask(&mut self.asked);
+        self.handles.take(&self.asked, self.oriented.holds());
+        self.drag.release();
+
+        let m = &mut self.memory;
+        let mut state = 0;
+        for force in &mut m.plain {
+            *force = Lanes::point(DVec3::from_array(std::array::from_fn(|_| noise(&mut state))));
+        }
+        self.oriented.clear_given(&mut m.plain);
+        self.handles.solve(&self.factor, &mut m.plain, &mut m.pulls, &mut m.pull_axis);
+        let scale = BEND * self.settings.diagonal / longest(&m.plain).max(f64::MIN_POSITIVE);
+        for ((p, rest), bent) in self.p.iter_mut().zip(&self.rest).zip(&m.plain) {
+            *p = *rest + *bent * scale;
+        }
+        self.oriented.put_given(&mut self.p);
+        self.evaluate(Place::Current, 2);
+        self.memory.anderson.forget();
+        self.coarse.build(&self.blocks, &self.rotations);
+        let mut largest = LEAST;
+        for _ in 0..PASSES {
+            self.precondition();
+            let m = &mut self.memory;
+            let step = longest(&m.step) / self.settings.diagonal;
+            for ((image, p), step) in m.image.iter_mut().zip(&self.p).zip(&m.step) {
+                *image = *p + *step;
+            }
+            m.anderson.record(&m.image, &m.step);
+            if !m.anderson.mix(&mut m.trial) {
+                m.trial.copy_from_slice(&m.image);
+            }
+            self.evaluate(Place::Trial, 1);
+            std::mem::swap(&mut self.p, &mut self.memory.trial);
+            let away = self.p.iter().zip(&self.rest).map(|(p, rest)| longest(&[*p - *rest]));
+            let error = away.fold(0.0, f64::max) / self.settings.diagonal;
+            if step < BETWEEN.1 {
+                largest = largest.max(error / step);
+            }
+            if step < BETWEEN.0 {
+                break;
+            }
+        }
+        self.p.copy_from_slice(&self.rest);
+        self.rotations.fill(rotation::IDENTITY);
+        self.memory.anderson.forget();
+        largest.min(MOST)
+    }
+}
+
+/// Between −1 and 1 (Vigna's splitmix64).
+fn noise(state: &mut u64) -> f64 {
+    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let mut z = *state;
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use crate::deform::volumetric::laws::{block, distance, noise, on_vertex, targets_of};
+    use crate::deform::volumetric::{Options, Volumetric};
+    use crate::deform::{Deformer, Handle};
+    use crate::proxy::Proxy;
+    use glam::{DQuat, DVec3};
+
+    /// Markers on so much of a bar.
+    fn handles(proxy: &Proxy, reach: f64) -> Vec<Handle> {
+        let near = (0..proxy.rest.len()).filter(|&v| proxy.rest[v].x < reach);
+        near.step_by(7).map(|v| on_vertex(v, 1.0)).collect()
+    }
+
+    #[test]
+    fn a_limb_without_markers_has_a_larger_error_for_the_same_step_and_ends_as_near() {
+        let proxy = block([60, 2, 2], 0.1);
+        let error_per_step =
+            |reach: f64| Volumetric::new(&proxy, &handles(&proxy, reach), &Options::default()).unwrap().settings.error_per_step;
+        let (all, fifth) = (error_per_step(2.0), error_per_step(0.2));
+        assert!(fifth > 2.0 * all, "{fifth} and {all}");
+
+        let handles = handles(&proxy, 0.2);
+        let solve = |options: &Options| {
+            let mut deformer = Volumetric::new(&proxy, &handles, options).unwrap();
+            let mut random = noise();
+            (0..20)
+                .map(|frame| {
+                    let turn = DQuat::from_rotation_y(0.6 * (0.2 * f64::from(frame)).sin());
+                    let mut targets = targets_of(&proxy, &handles, |p| turn * p);
+                    targets.positions.iter_mut().for_each(|p| *p += DVec3::new(random(), random(), random()) * 3e-4);
+                    let stats = if frame == 0 { deformer.start(&targets) } else { deformer.step(&targets) }.unwrap();
+                    (deformer.pose().to_vec(), stats.error.unwrap())
+                })
+                .collect::<Vec<_>>()
+        };
+        let converged = solve(&Options { tolerance: 1e-11, ..Options::default() });
+        for ((pose, estimate), (truth, _)) in solve(&Options::default()).iter().zip(&converged) {
+            let error = distance(pose, truth);
+            assert!(error < 1.5 * estimate && error < 1.5e-4, "{error} for {estimate}");
+        }
+    }
+}
