@@ -1,6 +1,7 @@
 //! What set-up computes of a scan, kept on disk for other takes of the same scan.
 //!
-//! An entry is found by the SHA-256 of all that it was computed from, the program's version among it, so an entry is never wrong, only missing.
+//! An entry is found by the SHA-256 of all that it was computed from, so an entry is never wrong, only missing. Among it are the program's version
+//! and the instruction set of the processor: linear algebra adds in another order where registers are wider.
 //! Entries are whole or absent and carry a checksum; several processes may use a folder at once.
 
 use crate::error::{Error, Kind, Result};
@@ -11,10 +12,16 @@ use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 /// How file names of entries end.
 const ENDING: &str = "retarget";
+/// How file names of entries begin while they are written.
+const UNFINISHED: &str = ".retarget-";
+/// After this time nobody writes an unfinished entry any more.
+const ABANDONED: Duration = Duration::from_secs(24 * 3600);
+/// Counted up when what is kept changes between two versions of the program.
+const LAYOUT: u64 = 1;
 /// Bytes of the checksum before the content.
 const CHECKSUM: usize = 32;
 
@@ -33,7 +40,12 @@ pub struct Key(Sha256);
 impl Key {
     /// A key for a kind of entry.
     pub fn new(kind: &str) -> Self {
-        Self(Sha256::new()).bytes(env!("CARGO_PKG_VERSION").as_bytes()).bytes(kind.as_bytes())
+        Self::on(&instruction_set(), kind)
+    }
+
+    fn on(instruction_set: &str, kind: &str) -> Self {
+        let program = Self(Sha256::new()).bytes(env!("CARGO_PKG_VERSION").as_bytes()).plain(&[LAYOUT]);
+        program.bytes(instruction_set.as_bytes()).bytes(kind.as_bytes())
     }
 
     /// Adds bytes; where they end counts.
@@ -54,6 +66,18 @@ impl Key {
         let hex: String = self.0.clone().finalize().iter().map(|byte| format!("{byte:02x}")).collect();
         format!("{hex}.{ENDING}")
     }
+}
+
+/// The processor's kind, with what decides in which order sums are taken.
+fn instruction_set() -> String {
+    let mut words = vec![std::env::consts::ARCH];
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::is_x86_feature_detected as has;
+        let wide = [("avx2", has!("avx2")), ("fma", has!("fma")), ("avx512f", has!("avx512f"))];
+        words.extend(wide.iter().filter(|word| word.1).map(|word| word.0));
+    }
+    words.join(" ")
 }
 
 impl Cache {
@@ -101,7 +125,7 @@ impl Cache {
     fn put<T: Serialize>(&self, key: &Key, value: &T) -> Result<()> {
         let content = postcard::to_stdvec(value).map_err(|e| Error::new(Kind::Unwritable, format!("cannot be stored: {e}")))?;
         let write = || {
-            let mut file = tempfile::Builder::new().prefix(".retarget-").tempfile_in(&self.folder)?;
+            let mut file = tempfile::Builder::new().prefix(UNFINISHED).tempfile_in(&self.folder)?;
             file.write_all(&Sha256::digest(&content))?;
             file.write_all(&content)?;
             file.persist(self.folder.join(key.name())).map_err(|e| e.error).map(drop)
@@ -111,16 +135,24 @@ impl Cache {
         Ok(())
     }
 
-    /// Removes the entries that were not used for the longest time until the rest is small enough.
+    /// Removes what writers have left behind that were killed, and the entries that were not used for the longest time until the rest is small
+    /// enough.
     fn make_room(&self) {
-        let entries = fs::read_dir(&self.folder).into_iter().flatten().flatten();
-        let mut files: Vec<(SystemTime, u64, PathBuf)> = entries
-            .filter(|entry| Path::new(&entry.file_name()).extension().is_some_and(|e| e == ENDING))
-            .filter_map(|entry| {
-                let about = entry.metadata().ok()?;
-                Some((about.modified().ok()?, about.len(), entry.path()))
-            })
-            .collect();
+        let mut files: Vec<(SystemTime, u64, PathBuf)> = Vec::new();
+        for entry in fs::read_dir(&self.folder).into_iter().flatten().flatten() {
+            let Some((modified, bytes)) = entry.metadata().ok().and_then(|about| Some((about.modified().ok()?, about.len())))
+            else {
+                continue;
+            };
+            let path = entry.path();
+            if path.extension().is_some_and(|e| e == ENDING) {
+                files.push((modified, bytes, path));
+            } else if entry.file_name().to_string_lossy().starts_with(UNFINISHED)
+                && modified.elapsed().is_ok_and(|age| age > ABANDONED)
+            {
+                let _ = fs::remove_file(path);
+            }
+        }
         let mut total: u64 = files.iter().map(|file| file.1).sum();
         files.sort();
         for (_, bytes, path) in files {
@@ -172,7 +204,7 @@ mod tests {
         let key = |n: u8| Key::new("k").bytes(&[n]);
         let age = |n: u8, seconds: u64| {
             let file = File::options().append(true).open(folder.path().join(key(n).name())).unwrap();
-            file.set_modified(SystemTime::now() - std::time::Duration::from_secs(seconds)).unwrap();
+            file.set_modified(SystemTime::now() - Duration::from_secs(seconds)).unwrap();
         };
         fs::write(folder.path().join("mine.txt"), vec![0; 9_000]).unwrap();
         cache.put(&key(1), &vec![1u8; 1_000]).unwrap();
@@ -184,6 +216,27 @@ mod tests {
         let there = |n| cache.get::<Vec<u8>>(&key(n)).is_some();
         assert_eq!((there(1), there(2), there(3)), (true, false, true));
         assert!(folder.path().join("mine.txt").exists(), "other files are left alone");
+    }
+
+    #[test]
+    fn what_a_killed_writer_left_goes_after_a_day() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = Cache::open(folder.path(), 3_000).unwrap();
+        for (name, hours) in [("old", 25), ("young", 23)] {
+            let path = folder.path().join(format!("{UNFINISHED}{name}"));
+            fs::write(&path, "half").unwrap();
+            let file = File::options().append(true).open(path).unwrap();
+            file.set_modified(SystemTime::now() - Duration::from_secs(hours * 3600)).unwrap();
+        }
+        cache.put(&Key::new("k"), &1).unwrap();
+        let there = |name| folder.path().join(format!("{UNFINISHED}{name}")).exists();
+        assert_eq!((there("old"), there("young")), (false, true));
+    }
+
+    #[test]
+    fn another_processor_has_entries_of_its_own() {
+        assert_ne!(Key::on("x86_64 avx2", "k").name(), Key::on("x86_64", "k").name());
+        assert_eq!(Key::on(&instruction_set(), "k").name(), Key::new("k").name());
     }
 
     #[test]

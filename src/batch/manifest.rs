@@ -4,6 +4,8 @@
 //! (`takes/*.c3d`) in `scan` and `capture` stand for all files that match, each scan with each capture; `{scan}` and `{capture}` in any other
 //! value are the names of the two files without folder and extension. Paths are seen from the manifest's folder.
 
+#[cfg(any(test, fuzzing))]
+pub(crate) mod fuzz;
 mod table;
 mod toml_file;
 
@@ -19,6 +21,8 @@ use std::path::{Path, PathBuf};
 const LARGEST: u64 = 64 << 20;
 /// Takes that a manifest may list.
 const MOST: usize = 1_000_000;
+/// Bytes that their arguments may have in all.
+const LARGEST_ARGUMENTS: usize = 512 << 20;
 
 /// What an option takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,16 +83,8 @@ impl Manifest {
         if bytes.len() as u64 > LARGEST {
             return Err(Error::new(Kind::Unsupported, "larger than 64 MB").file(path).expected("a list of takes: .csv or .toml"));
         }
-        let text = String::from_utf8(bytes).map_err(|e| {
-            Error::malformed("is not text in UTF-8").file(path).at(format!("byte {}", e.utf8_error().valid_up_to()))
-        })?;
-        let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
         let toml = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
-        let rows = if toml { toml_file::rows(text) } else { table::rows(text) };
-        let takes = rows.and_then(|rows| {
-            rows.iter().try_for_each(|row| check(row, &options))?;
-            expand(&rows, folder(path))
-        });
+        let takes = rows(&bytes, toml, &options).and_then(|rows| expand(&rows, folder(path)));
         let takes = takes.map_err(|e| if e.file.is_none() { e.file(path) } else { e })?;
         let manifest = Self { path: path.to_owned(), takes, options };
         manifest.outputs_differ()?;
@@ -184,6 +180,16 @@ fn folder(path: &Path) -> &Path {
     crate::beside::folder_of(path)
 }
 
+/// The rows of a manifest, whose keys are known.
+fn rows(bytes: &[u8], toml: bool, options: &OptionTable) -> Result<Vec<Row>> {
+    let text = std::str::from_utf8(bytes)
+        .map_err(|e| Error::malformed("is not text in UTF-8").at(format!("byte {}", e.valid_up_to())))?;
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let rows = if toml { toml_file::rows(text) } else { table::rows(text) }?;
+    rows.iter().try_for_each(|row| check(row, options))?;
+    Ok(rows)
+}
+
 /// Whether keys are known and nothing is missing.
 fn check(row: &Row, options: &OptionTable) -> Result<()> {
     for (key, values) in &row.values {
@@ -215,6 +221,7 @@ fn check(row: &Row, options: &OptionTable) -> Result<()> {
 /// Every scan of a row with every capture.
 fn expand(rows: &[Row], folder: &Path) -> Result<Vec<Take>> {
     let mut takes = Vec::new();
+    let mut room = LARGEST_ARGUMENTS;
     for row in rows {
         let files = |key: &str| -> Result<Vec<String>> {
             let mut files = Vec::new();
@@ -233,6 +240,11 @@ fn expand(rows: &[Row], folder: &Path) -> Result<Vec<Take>> {
                 row.values.iter().map(|(key, values)| (key.clone(), values.iter().map(fill).collect())).collect();
             values.insert("scan".into(), vec![scan.clone()]);
             values.insert("capture".into(), vec![capture.clone()]);
+            let bytes: usize = values.values().flatten().map(String::len).sum();
+            room = room.checked_sub(bytes).ok_or_else(|| {
+                let size = words::bytes(LARGEST_ARGUMENTS as u64);
+                Error::new(Kind::Usage, format!("the arguments of all takes have more than {size}")).at(&*row.place)
+            })?;
             takes.push(Take { number: takes.len() + 1, place: row.place.clone(), values });
         }
     }

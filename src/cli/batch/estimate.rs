@@ -47,15 +47,17 @@ impl Need {
 struct Sizes {
     /// Vertices.
     scans: BTreeMap<PathBuf, Result<usize>>,
-    /// First frame, frames, rate, markers or joints.
-    captures: BTreeMap<PathBuf, Result<(i64, usize, f64, usize)>>,
+    /// First frame, frames, rate, markers or joints; by file and what of it is read.
+    captures: BTreeMap<(PathBuf, String), Result<(i64, usize, f64, usize)>>,
 }
 
 impl Sizes {
     fn need(&mut self, args: &Animate) -> Result<Need> {
         let vertices = self.scans.entry(args.scan.clone()).or_insert_with(|| Ok(scan::read(&args.scan)?.mesh.positions.len()));
         let vertices = vertices.clone()?;
-        let capture = self.captures.entry(args.capture.clone()).or_insert_with(|| measure(args));
+        let options = read_options(args);
+        let key = (args.capture.clone(), format!("{options:?}"));
+        let capture = self.captures.entry(key).or_insert_with(|| measure(args, &options));
         let (first, frames, rate, markers) = capture.clone()?;
         let range = pipeline::select(first, frames, args.frames)?;
         let frames = range.len() as f64 * args.fps.map_or(1.0, |fps| fps / rate);
@@ -63,13 +65,9 @@ impl Sizes {
     }
 }
 
-fn measure(args: &Animate) -> Result<(i64, usize, f64, usize)> {
-    if capture::is_handle_table(&args.capture) {
-        let table = HandleTable::read(&args.capture)?;
-        let capture = table.empty_capture(args.rate.unwrap_or(HandleTable::RATE));
-        return Ok((capture.first_frame, table.frames(), capture.rate, 1));
-    }
-    let options = ReadOptions {
+/// What of the capture is read, without repairs.
+fn read_options(args: &Animate) -> ReadOptions {
+    ReadOptions {
         subject: args.subject.clone(),
         rate: args.rate,
         clip: args.clip.clone(),
@@ -77,8 +75,16 @@ fn measure(args: &Animate) -> Result<(i64, usize, f64, usize)> {
         bodies: args.bodies,
         surface: args.surface,
         as_found: true,
-    };
-    let capture = capture::read(&args.capture, &options)?;
+    }
+}
+
+fn measure(args: &Animate, options: &ReadOptions) -> Result<(i64, usize, f64, usize)> {
+    if capture::is_handle_table(&args.capture) {
+        let table = HandleTable::read(&args.capture)?;
+        let capture = table.empty_capture(args.rate.unwrap_or(HandleTable::RATE));
+        return Ok((capture.first_frame, table.frames(), capture.rate, 1));
+    }
+    let capture = capture::read(&args.capture, options)?;
     let points = capture.motion.points();
     Ok((capture.first_frame, points.frames(), capture.rate, points.markers()))
 }
