@@ -51,7 +51,9 @@ fn every_shell_completes_subcommands_and_options() {
 fn there_is_a_manual_page_of_the_program_and_of_every_subcommand() {
     let page = printed(&["man"]);
     assert!(page.contains(".TH retarget 1"), "{}", &page[..300]);
-    for word in ["SCAN", "CAPTURE", "\\-\\-tolerance", "worst vertex of the worst frame", "\\-\\-weight\\-range", "retarget\\-inspect(1)"] {
+    for word in
+        ["SCAN", "CAPTURE", "\\-\\-tolerance", "worst vertex of the worst frame", "\\-\\-weight\\-range", "retarget\\-inspect(1)"]
+    {
         assert!(page.contains(word), "{word}");
     }
     for name in SUBCOMMANDS {
