@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Makes the golden frames anew and prints what moved.
+# Makes the golden frames and what the pages of the guide show anew, and prints what moved; a minute once it is built.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 RETARGET_BLESS=1 cargo test --release --test golden -- --nocapture
-git --no-pager diff --stat -- tests/golden
+RETARGET_BLESS=1 cargo test --release --test guide -- commands_print
+git --no-pager diff --stat -- tests/golden docs

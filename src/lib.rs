@@ -50,7 +50,7 @@ extern crate self as retarget;
 pub mod batch;
 mod beside;
 pub mod binding;
-pub mod cache;
+mod cache;
 pub mod capture;
 pub mod cli;
 pub mod deform;

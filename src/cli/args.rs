@@ -11,11 +11,14 @@ use crate::space::{Axis, Unit};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
+/// The version and, built from a working copy, the commit.
+pub(super) const VERSION: &str = env!("RETARGET_VERSION");
+
 /// Makes a scan move like the person that was captured.
 #[derive(Debug, Parser)]
 #[command(
     name = "retarget",
-    version,
+    version = VERSION,
     about = "Make a scan move like what was captured: no rig, no skinning, no hand work",
     after_help = "Example: retarget scan.obj walk.c3d -o walk.glb\nParts (WHAT): group:NAME (OBJ groups and objects; * and ?), color:#rrggbb[~TOLERANCE] (vertex colours), sphere:X,Y,Z,R (scan's unit), near:HANDLE[,HANDLE...], or a part of a body: ends (head, hands and feet), head, hands, feet, upper_arms, left_hand, ...\nA file that is called like a subcommand is written ./inspect",
     args_conflicts_with_subcommands = true,
@@ -52,6 +55,26 @@ pub enum Command {
     Joints(Joints),
     /// Do many takes: a table of scans, captures, outputs and options
     Batch(Batch),
+    /// Print the completions of a shell, to be put where it looks for them
+    Completions(Completions),
+    /// Print the manual page, for example: retarget man >~/.local/share/man/man1/retarget.1
+    Man(Man),
+}
+
+/// Arguments of `retarget completions`.
+#[derive(Debug, Args)]
+pub struct Completions {
+    /// Which shell
+    #[arg(value_enum)]
+    pub shell: clap_complete::Shell,
+}
+
+/// Arguments of `retarget man`.
+#[derive(Debug, Args)]
+pub struct Man {
+    /// The page of a subcommand, instead of the main job's
+    #[arg(value_name = "SUBCOMMAND")]
+    pub of: Option<String>,
 }
 
 /// Arguments of `retarget joints`.

@@ -1,10 +1,11 @@
 //! The main job for things made of parts: a rig file with components or joints, and a capture that drives them.
 
-use super::animate::{Captures, Clock, Setup, is_table, read_captures, resample, warn};
 use super::args::{Align, Animate, Map, Plant, Reference};
+use super::captures::{Captures, is_table, read_captures, resample};
 use super::console::Console;
 use super::decisions::{capture_line, cut, file_name, scan_line};
 use super::rig::Rig;
+use super::setup::{Clock, Setup, warn};
 use super::shells::Examples;
 use crate::binding::person::{self, Joints as PersonJoints, Person};
 use crate::binding::rig::RigFile;

@@ -1,7 +1,7 @@
 //! The decisions block, the warnings about a run and the closing summary, in words and for the report.
 
-use super::animate::is_table;
 use super::args::Animate;
+use super::captures::is_table;
 use crate::binding::Binding;
 use crate::capture::{Capture, How};
 use crate::deform::{Grip, OrientedHandle};

@@ -1,17 +1,20 @@
 //! Words: arguments, the decisions block, progress, the closing summary, how an error is shown.
 
 mod animate;
-pub mod args;
+mod args;
 mod articulate;
 mod batch;
 mod blend;
+mod captures;
 mod console;
 mod decisions;
 mod inspect;
 mod joints;
+mod manual;
 mod outputs;
 mod picture;
 mod rig;
+mod setup;
 mod shells;
 
 use crate::export::Cancel;
@@ -46,6 +49,8 @@ pub fn run() -> ExitCode {
             let result = batch::run(batch, &console, &interruptible());
             (console, result)
         }
+        (Some(Command::Completions(completions)), _) => (Console::new(Level::Normal), manual::completions(completions)),
+        (Some(Command::Man(man)), _) => (Console::new(Level::Normal), manual::page(man)),
         (Some(Command::Blend(blend)), _) => {
             let console = Console::new(level(blend.quiet, blend.verbose));
             let result = blend::run(blend, &console);

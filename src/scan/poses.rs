@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 /// Extent of a pose against that of the scan within which it is the same thing.
 const EXTENT: std::ops::RangeInclusive<f64> = 0.2..=5.0;
-/// Change of the median length of edges from which a pose has another scale.
+/// Change of the length of edges, the median of all, from which a pose has another scale.
 const SCALE: f64 = 0.02;
 
 /// A pose of a scan.
@@ -18,7 +18,7 @@ pub struct Pose {
     pub name: String,
     /// Where the vertices of the scan are, in its unit and axes.
     pub positions: Vec<DVec3>,
-    /// Median length of its edges against those of the scan.
+    /// Length of its edges against that of the same edges of the scan, the median of all.
     pub scale: f64,
 }
 
@@ -128,7 +128,8 @@ fn pose(scan: &Scan, other: &Scan, name: String, path: &Path) -> Result<Pose> {
             .expected("the scan in another pose, in the same unit")
             .hint("export it in the unit of the scan"));
     }
-    let scale = median(edges(there)) / median(edges(here)).max(f64::MIN_POSITIVE);
+    let (at_rest, posed) = (edges(&here.faces, &here.positions), edges(&here.faces, &there.positions));
+    let scale = median(at_rest.iter().zip(&posed).filter(|(rest, _)| **rest > 0.0).map(|(rest, posed)| posed / rest).collect());
     Ok(Pose { name, positions: there.positions.clone(), scale })
 }
 
@@ -145,12 +146,13 @@ fn canonical(mesh: &super::SurfaceMesh) -> Vec<Vec<u32>> {
         .collect()
 }
 
-fn edges(mesh: &super::SurfaceMesh) -> Vec<f64> {
+/// Lengths of the edges around each face.
+fn edges(faces: &super::Faces, positions: &[DVec3]) -> Vec<f64> {
     let around = |face: &[u32]| -> Vec<f64> {
-        let at = |k: usize| mesh.positions[face[k % face.len()] as usize];
+        let at = |k: usize| positions[face[k % face.len()] as usize];
         (0..face.len()).map(|k| at(k).distance(at(k + 1))).collect()
     };
-    mesh.faces.iter().flat_map(around).collect()
+    faces.iter().flat_map(around).collect()
 }
 
 fn median(mut values: Vec<f64>) -> f64 {
@@ -192,6 +194,12 @@ mod tests {
         let (poses, notes) = read_text(&obj(1.5, FACES));
         assert!((poses.unwrap()[0].scale - 1.5).abs() < 1e-12);
         assert!(notes.iter().any(|t| t.contains("pose.obj") && t.contains("1.5")), "{notes:?}");
+    }
+
+    #[test]
+    fn a_part_that_is_shorter_in_a_pose_is_no_other_size() {
+        let (poses, notes) = read_text(&obj(1.0, FACES).replace("v 0 0 1", "v 0 0 0.5"));
+        assert_eq!((poses.unwrap()[0].scale, notes), (1.0, Notes::default()));
     }
 
     #[test]

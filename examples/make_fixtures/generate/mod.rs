@@ -1,10 +1,12 @@
-//! A generated human-like scan, and takes with a known answer: a walk and a squat by markers, a reach by handles that turn.
+//! A generated human-like scan, and takes with a known answer: a walk and a squat by markers, a reach by handles that turn; what the recipes of the guide
+//! need beside them.
 
 pub mod body;
 pub mod files;
 pub mod markers;
 pub mod motion;
 pub mod reach;
+pub mod recipes;
 
 /// Size of a polygonization cell, metres: about twenty thousand vertices.
 const CELL: f64 = 0.0109;
@@ -23,6 +25,13 @@ pub fn all() -> Vec<(String, Vec<u8>)> {
         ("scan_dirty.ply".to_owned(), files::dirty_ply(&body)),
         ("walk.c3d".to_owned(), markers::c3d(&body, &bones)),
         ("reach.csv".to_owned(), reach::csv(&bones).into_bytes()),
+        ("tall.c3d".to_owned(), recipes::tall_c3d(&body, &bones)),
+        ("steps.bvh".to_owned(), recipes::bvh(&bones)),
+        ("lamp.obj".to_owned(), recipes::lamp_obj()),
+        ("lamp.csv".to_owned(), recipes::lamp_csv()),
+        ("trunk.obj".to_owned(), recipes::trunk_obj(0.0)),
+        ("trunk_bent.obj".to_owned(), recipes::trunk_obj(std::f64::consts::FRAC_PI_2)),
+        ("trunk.csv".to_owned(), recipes::trunk_csv()),
     ];
     for frame in TRUE_FRAMES {
         out.push((format!("true_{:04}.ply", frame + 1), files::ply_points(&motion::skin(&body, &bones, frame))));

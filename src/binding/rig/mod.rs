@@ -209,7 +209,7 @@ impl RigFile {
 /// An error of the TOML reader with its place, and the nearest key for an unknown one.
 fn explained(text: &str, error: &toml::de::Error) -> Error {
     let at = error.span().map_or(0, |span| span.start.min(text.len()));
-    let before = &text[..text.floor_char_boundary(at)];
+    let before = (0..=at).rev().find_map(|at| text.get(..at)).unwrap_or_default();
     let line = before.matches('\n').count() + 1;
     let column = before.rsplit('\n').next().unwrap_or("").chars().count() + 1;
     let message = error.message();

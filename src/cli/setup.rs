@@ -1,0 +1,509 @@
+//! Everything of the main job that is decided and computed before the first frame.
+
+use super::args::{Animate, Map, QualityArg};
+use super::captures::{Captures, is_table, read_captures, resample};
+use super::console::Console;
+use super::decisions::{
+    bind_line, binding_details, capture_line, cut, file_name, repair_details, repairs_json, scan_line, solve_line, unbound,
+};
+use super::picture::{self, Bound, Unbound};
+use super::rig::Rig;
+use super::shells::{self, Examples};
+use crate::binding::landmarks::Floor;
+use crate::binding::regions::Subject;
+use crate::binding::select::Hold;
+use crate::binding::{self, Binding, Limbs, Regions, Rules, ScanShape, Segment, driven, landmarks};
+use crate::cache::{Cache, Key};
+use crate::capture::{Capture, smooth};
+use crate::deform::shells::{Body, Shells, SurfaceRows};
+use crate::deform::volumetric::{Options, Volumetric};
+use crate::deform::{Deformer, Grip, Handle, OrientedHandle};
+use crate::error::{Error, Kind, Notes, Result};
+use crate::export::Cancel;
+use crate::export::files::Pending;
+use crate::pipeline;
+use crate::pipeline::grips::{self, Holding};
+use crate::proxy::rows::HandleRows;
+use crate::proxy::{self, BuildOptions, Proxy, medit};
+use crate::scan::{self, Faces, Scan, UnitBox};
+use crate::spatial::TriangleTree;
+use crate::surface::SurfaceMap;
+use crate::words;
+use glam::DVec3;
+use serde_json::Value;
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Everything that is decided and computed before the first frame.
+pub(super) struct Setup {
+    pub(super) scan: Arc<Scan>,
+    pub(super) capture: Capture,
+    /// Frames to write, counted from 0.
+    pub(super) range: Range<usize>,
+    pub(super) unit_box: UnitBox,
+    pub(super) binding: Binding,
+    pub(super) proxy: Arc<Proxy>,
+    pub(super) map: Arc<SurfaceMap>,
+    pub(super) handles: Vec<Handle>,
+    pub(super) oriented: Vec<OrientedHandle>,
+    pub(super) regions: Regions,
+    pub(super) deformer: Box<dyn Deformer>,
+    /// The example poses of a shell.
+    pub(super) examples: Examples,
+    /// How frames are solved, in words.
+    pub(super) solve: String,
+    pub(super) clock: Clock,
+    /// What was repaired in the capture.
+    pub(super) repairs: Value,
+    pub(super) warnings: Vec<String>,
+    pub(super) start: Instant,
+}
+
+impl Setup {
+    /// Reads, decides and computes, and says what it decided.
+    pub(super) fn make(args: &Animate, console: &Console, cancel: &Cancel, start: Instant) -> Result<Self> {
+        let mut clock = Clock::new(start);
+        let mut warnings = Vec::new();
+        let rig = Rig::read(args)?;
+        let cache = args.cache.as_ref().map(|folder| Cache::open(folder, args.cache_size << 20)).transpose()?;
+        let (scan, captures) = rayon::join(|| scan::read(&args.scan), || read_captures(args, &rig));
+        let (scan, mut captures) = (scan?, captures?);
+        clock.lap("read");
+        cancel.check()?;
+        if let Some(hertz) = args.smooth {
+            let capture = &mut captures.capture;
+            smooth::low_pass(&mut capture.motion, capture.rate, hertz).map_err(|e| e.file(&args.capture))?;
+        }
+        let range = pipeline::select(captures.capture.first_frame, captures.frames(), args.frames)?;
+
+        let unit_box = UnitBox::of(&scan.mesh).ok_or_else(|| {
+            Error::malformed("the mesh has no extent").file(&args.scan).expected("faces over at least two different positions")
+        })?;
+        let points: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
+        let triangles = scan.mesh.vertex_triangles();
+        let mut example_notes = Notes::default();
+        let examples = Examples::read(&args.shells.examples, args.shells.example_scale, &scan, unit_box, &mut example_notes)?;
+        let (built, bound) = rayon::join(
+            || body(args, cache.as_ref(), &scan, unit_box, &points, &triangles, &examples, cancel),
+            || bind(args, &scan, unit_box, &points, &triangles, &mut captures, &rig, (console, cancel)),
+        );
+        let (mut binding, floor) = match bound {
+            Err(error) if matches!(error.kind, Kind::Refused | Kind::Ambiguous) && args.picture.is_some() => {
+                show_unbound(args, console, &scan, &points, &triangles, &captures.capture)?;
+                return Err(error);
+            }
+            bound => bound?,
+        };
+        let (scan, triangles, built) = match floor {
+            Some(floor) => {
+                let without = without_floor(&scan, unit_box, &floor, &mut binding.notes);
+                let triangles = without.mesh.vertex_triangles();
+                let built = body(args, cache.as_ref(), &without, unit_box, &points, &triangles, &examples, cancel);
+                (without, triangles, built)
+            }
+            None => (scan, triangles, built),
+        };
+        let (mut capture, reference) = (captures.capture, captures.reference);
+        console.station("scan", &scan_line(args, &scan, &binding));
+        console.station("capture", &capture_line(args, &capture, &binding));
+        console.station("bind", &bind_line(args, &binding));
+        warn(console, &mut warnings, &scan.notes);
+        warn(console, &mut warnings, &example_notes);
+        warn(console, &mut warnings, &capture.notes);
+        if let Some(reference) = &reference {
+            warn(console, &mut warnings, &reference.notes);
+        }
+        warn(console, &mut warnings, &cut(args, &capture, &range));
+        warn(console, &mut warnings, &binding.notes);
+        warn(console, &mut warnings, &unbound(&binding));
+        warn(console, &mut warnings, &grips::missing(&binding.turning, &holdings(args), range.clone()));
+        repair_details(&capture).iter().chain(&binding_details(&binding)).for_each(|line| console.detail(line));
+        let Made { proxy, mut shell, words: remarks, notes, joined, touching } = built?;
+        console.station("proxy", &remarks);
+        warn(console, &mut warnings, &notes);
+        let mut notes = Notes::default();
+        rig.save(args, &scan, &binding, &mut notes)?;
+        warn(console, &mut warnings, &notes);
+        clock.lap("bind and proxy");
+        if let Some(path) = &args.picture {
+            let reference = reference.as_ref().unwrap_or(&capture);
+            let heading = vec![of_files(args), bind_line(args, &binding)];
+            let (points, triangles) = (&points, &triangles);
+            let bound = Bound { heading, scan: &scan, points, triangles, binding: &binding, reference, joined: &joined };
+            picture::write(path, &picture::bound(&bound))?;
+            console.station("picture", &path.display().to_string());
+            clock.lap("picture");
+        }
+        // In the frames of the file, whatever --fps makes of them.
+        let repairs = repairs_json(&capture);
+        let range = resample(args, &mut capture, &mut binding, range)?;
+        cancel.check()?;
+
+        let (mut proxy, mut handles, mut oriented, mut regions) = (proxy, Vec::new(), Vec::new(), Regions::default());
+        for _ in 0..2 {
+            let limbs = if touching { Limbs::of(&proxy, &binding, unit_box.diagonal, &joined) } else { None };
+            let subject = Subject::new(&scan, &points, unit_box, &proxy, &binding).with_limbs(limbs.as_ref());
+            regions = Regions::new(&subject, &rules(args, &rig, &binding))?;
+            handles = attach(&proxy, shell.as_ref(), &binding, &regions, limbs.as_ref(), args);
+            oriented = grips::grips(&subject, &binding.turning.handles, &holdings(args))?;
+            let Some(held) = held_components(&proxy, &handles, &oriented) else { break };
+            proxy = proxy.with_components(|c| held[c as usize]);
+            shell = shell.map(|body| body.with_components(|c| held[c as usize]));
+            let loose = words::plural(held.iter().filter(|h| !**h).count(), "separate part");
+            let mut notes = Notes::default();
+            notes.warn(format!("{loose} of the scan without a marker: the nearest part of the body takes it along"));
+            warn(console, &mut warnings, &notes);
+        }
+        if !regions.counts.is_empty() {
+            console.station("parts", &regions.words());
+        }
+        let (map, deformer) = rayon::join(
+            || match &shell {
+                Some(body) => Ok(SurfaceMap::build_for_shell(body, &points, &scan.mesh.faces, &examples.poses)),
+                None => map_of(args, cache.as_ref(), &proxy, &points, &scan.mesh.faces),
+            },
+            || deformer(args, &proxy, shell.as_ref(), &handles, &oriented, &regions),
+        );
+        let (map, (deformer, notes)) = (Arc::new(map?), deformer?);
+        warn(console, &mut warnings, &notes);
+        if let Some(trouble) = cache.and_then(|cache| cache.trouble()) {
+            let mut notes = Notes::default();
+            notes.warn(format!("the cache is not kept: {trouble}"));
+            warn(console, &mut warnings, &notes);
+        }
+        if let Some(path) = &args.save_proxy {
+            let mut text = Vec::new();
+            medit::write(&mut text, &proxy, &unit_box).map_err(|e| Error::unwritable(path, &e))?;
+            let mut file = Pending::create(path)?;
+            file.write(&text)?;
+            file.finish()?;
+        }
+        clock.lap("map and factor");
+        cancel.check()?;
+        Ok(Self {
+            scan: Arc::new(scan),
+            capture,
+            range,
+            unit_box,
+            binding,
+            proxy: Arc::new(proxy),
+            map,
+            handles,
+            oriented,
+            regions,
+            deformer,
+            solve: solve_words(args, &examples),
+            examples,
+            clock,
+            repairs,
+            warnings,
+            start,
+        })
+    }
+}
+
+/// How frames are solved, in words.
+fn solve_words(args: &Animate, examples: &Examples) -> String {
+    if args.shells.are_chosen().unwrap_or(false) {
+        let count = examples.names.len();
+        let learnt = if count == 0 {
+            "without examples".into()
+        } else {
+            format!("{}, weights {}", words::plural(count, "example"), args.shells.range_words())
+        };
+        return format!("shells, {learnt}");
+    }
+    solve_line(args)
+}
+
+/// `scan.obj · walk.c3d`.
+fn of_files(args: &Animate) -> String {
+    format!("{} \u{b7} {}", file_name(&args.scan), file_name(&args.capture))
+}
+
+/// Draws what there is to bind, where it could not be: what a person needs to name the markers in a rig file.
+fn show_unbound(
+    args: &Animate,
+    console: &Console,
+    scan: &Scan,
+    points: &[DVec3],
+    triangles: &[[u32; 3]],
+    capture: &Capture,
+) -> Result<()> {
+    let Some(path) = &args.picture else { return Ok(()) };
+    let body = landmarks::find(points, triangles).ok();
+    let heading = vec![of_files(args), "not bound".to_owned()];
+    let unbound = Unbound { heading, scan, points, triangles, body: body.as_ref() };
+    let up = args.capture_up.or(binding::actor_space(capture).space.up.map(|up| up.value));
+    let up = up.map_or(DVec3::Z, |up| up.vector());
+    picture::write(path, &picture::not_bound(unbound, capture, up))?;
+    console.station("picture", &path.display().to_string());
+    Ok(())
+}
+
+/// Milliseconds of the parts of the set-up.
+pub(super) struct Clock {
+    last: Instant,
+    /// Names and milliseconds, in order.
+    pub(super) laps: Vec<(&'static str, f64)>,
+}
+
+impl Clock {
+    pub(super) fn new(start: Instant) -> Self {
+        Self { last: start, laps: Vec::new() }
+    }
+
+    pub(super) fn lap(&mut self, name: &'static str) {
+        let now = Instant::now();
+        self.laps.push((name, (now - self.last).as_secs_f64() * 1e3));
+        self.last = now;
+    }
+}
+
+pub(super) fn warn(console: &Console, all: &mut Vec<String>, notes: &Notes) {
+    for text in notes.iter() {
+        console.warning(text);
+        all.push(text.to_owned());
+    }
+}
+
+/// Hardness of handles on rigid parts against others: a part that cannot bend towards each of its handles leaves them farther away.
+const GRIP: f64 = 4.0;
+
+/// What handles of tables hold.
+fn holdings(args: &Animate) -> Vec<Holding> {
+    let holdings =
+        |holds: &[Hold], exact| holds.iter().map(move |hold| Holding { hold: hold.clone(), exact }).collect::<Vec<_>>();
+    [holdings(&args.hold, false), holdings(&args.hold_exact, true)].concat()
+}
+
+/// What is rigid or stiffer. A fixed count of plain iterations is for the energy as it was published.
+fn rules(args: &Animate, rig: &Rig, binding: &Binding) -> Rules {
+    let mut rules = if args.iterations.is_some() { Rules::default() } else { Rules::of_body(binding) };
+    rig.rules(&mut rules);
+    args.stiffness.iter().for_each(|rule| rules.stiffness(rule.clone()));
+    args.rigid.iter().for_each(|what| rules.rigid(what.clone()));
+    rules
+}
+
+/// The handles of the bound markers.
+fn attach(
+    proxy: &Proxy,
+    shell: Option<&Body>,
+    binding: &Binding,
+    regions: &Regions,
+    limbs: Option<&Limbs>,
+    args: &Animate,
+) -> Vec<Handle> {
+    let surface = shell.map(SurfaceRows::new);
+    let rows = HandleRows::new(proxy, args.map.into());
+    // Where limbs touch, each segment has rows on its own limb.
+    let own: Vec<HandleRows> =
+        limbs.iter().flat_map(|limbs| Segment::ALL.map(|s| rows.among(proxy, |v| limbs.suits(v, s)))).collect();
+    let on_rigid = regions.on_rigid(proxy, binding.handles.iter().map(|h| h.attachment));
+    let handles = binding.handles.iter().zip(on_rigid);
+    handles
+        .map(|(h, rigid)| {
+            let beta = if rigid && h.beta >= 1.0 { h.beta * GRIP } else { h.beta };
+            Handle {
+                name: h.label.clone(),
+                row: match &surface {
+                    Some(surface) => surface.row(h.attachment),
+                    None => h.segment.and_then(|s| own.get(s as usize)).unwrap_or(&rows).row(h.attachment),
+                },
+                beta,
+            }
+        })
+        .collect()
+}
+
+/// Which components of the proxy a handle holds; `None` where all or none are held.
+fn held_components(proxy: &Proxy, handles: &[Handle], oriented: &[OrientedHandle]) -> Option<Vec<bool>> {
+    let mut of_vertex = vec![0; proxy.rest.len()];
+    for (tet, &component) in proxy.tets.iter().zip(&proxy.components) {
+        tet.iter().for_each(|&v| of_vertex[v as usize] = component);
+    }
+    let count = proxy.components.iter().max().map_or(0, |&last| last as usize + 1);
+    let mut held = vec![false; count];
+    let mut hold = |vertices: &[u32]| vertices.iter().for_each(|&v| held[of_vertex[v as usize] as usize] = true);
+    handles.iter().for_each(|handle| hold(&handle.row.indices));
+    for handle in oriented {
+        match &handle.grip {
+            Grip::Frame { rows, .. } => rows.iter().for_each(|row| hold(&row.indices)),
+            Grip::Region { vertices, .. } | Grip::Exact { vertices } => hold(vertices),
+        }
+    }
+    (held.contains(&true) && held.contains(&false)).then_some(held)
+}
+
+/// The deformer with its handles, and what is to be said about it.
+fn deformer(
+    args: &Animate,
+    proxy: &Proxy,
+    shell: Option<&Body>,
+    handles: &[Handle],
+    oriented: &[OrientedHandle],
+    regions: &Regions,
+) -> Result<(Box<dyn Deformer>, Notes)> {
+    let mut notes = Notes::default();
+    if let Some(body) = shell {
+        let mut options = args.shells.options(body, regions.stiffness.clone(), regions.rigid.clone());
+        (options.still, options.decrease, options.steps) = match (args.iterations, args.quality) {
+            (Some(count), _) => (0.0, 0.0, count),
+            (None, QualityArg::Draft) => (1e-4, 1e-3, 3),
+            (None, QualityArg::Default) => (options.still, options.decrease, options.steps),
+            (None, QualityArg::Converged) => (1e-8, 1e-10, 60),
+        };
+        let shells = Shells::new(body, handles, oriented, &options)?;
+        shells::remarks(&shells).into_iter().for_each(|text| notes.warn(text));
+        return Ok((Box::new(shells), notes));
+    }
+    let options = Options {
+        tolerance: args.solve_tolerance.unwrap_or(args.quality.tolerance()),
+        iterations: args.iterations,
+        stiffness: regions.stiffness.clone(),
+        rigid: regions.rigid.clone(),
+        ..Options::default()
+    };
+    Ok((Box::new(Volumetric::with_oriented(proxy, handles, oriented, &options)?), notes))
+}
+
+/// A proxy, with the words of its line.
+struct Made {
+    proxy: Proxy,
+    /// The same as a shell, where frames are solved by one.
+    shell: Option<Body>,
+    words: String,
+    notes: Notes,
+    /// Where parts are joined that only touch.
+    joined: Vec<DVec3>,
+    /// Whether parts touch.
+    touching: bool,
+}
+
+/// The map from the proxy to the scan, from the cache where it is there.
+fn map_of(args: &Animate, cache: Option<&Cache>, proxy: &Proxy, points: &[DVec3], faces: &Faces) -> Result<SurfaceMap> {
+    let of_proxy = |key: Key| {
+        key.plain(&proxy.rest).plain(&proxy.tets).plain(&proxy.boundary).plain(&proxy.boundary_tets).plain(&proxy.components)
+    };
+    let kind = if args.map == Map::Paper { "paper map" } else { "ring map" };
+    let key = || of_proxy(Key::new(kind)).plain(points).plain(&faces.starts).plain(&faces.corners);
+    let Some((cache, key)) = cache.map(|cache| (cache, key())) else {
+        return SurfaceMap::build_by_pieces(proxy, points, faces, args.map.into());
+    };
+    if let Some(map) = cache.get(&key) {
+        return Ok(map);
+    }
+    let map = SurfaceMap::build_by_pieces(proxy, points, faces, args.map.into())?;
+    cache.keep(&key, &map);
+    Ok(map)
+}
+
+/// The proxy: built from the scan, or read from `--proxy`, or from the cache where it is there.
+#[allow(clippy::too_many_arguments)]
+fn body(
+    args: &Animate,
+    cache: Option<&Cache>,
+    scan: &Scan,
+    unit_box: UnitBox,
+    points: &[DVec3],
+    triangles: &[[u32; 3]],
+    examples: &Examples,
+    cancel: &Cancel,
+) -> Result<Made> {
+    if args.shells.are_chosen()? {
+        let mut body = shells::body(points, triangles, examples, args.proxy_vertices, &|| cancel.check())
+            .map_err(|e| if e.file.is_none() && e.kind != Kind::Interrupted { e.file(&scan.source) } else { e })?;
+        let (proxy, notes) = (body.proxy.clone(), std::mem::take(&mut body.notes));
+        let words = body.words();
+        return Ok(Made { proxy, shell: Some(body), words, notes, joined: Vec::new(), touching: false });
+    }
+    if let Some(path) = &args.proxy {
+        let (proxy, notes) = medit::read(path, &unit_box)?;
+        let line = format!(
+            "{}  {} vertices, {} tetrahedra",
+            file_name(path),
+            words::count(proxy.rest.len()),
+            words::count(proxy.tets.len())
+        );
+        return Ok(Made { proxy, shell: None, words: line, notes, joined: Vec::new(), touching: false });
+    }
+    let options =
+        BuildOptions { surface_vertices: args.proxy_vertices.map_or(BuildOptions::default().surface_vertices, |n| n as usize) };
+    let key = Key::new("proxy").plain(points).plain(triangles).plain(&[options.surface_vertices]);
+    if let Some((proxy, words, notes, joined, touching)) = cache.and_then(|cache| cache.get(&key)) {
+        return Ok(Made { proxy, shell: None, words, notes, joined, touching });
+    }
+    let built = proxy::build(points, triangles, &options, &|| cancel.check())
+        .map_err(|e| if e.file.is_none() && e.kind != Kind::Interrupted { e.file(&scan.source) } else { e })?;
+    let words = format!("{} · {}", built.summary.size(), built.summary.remarks());
+    let touching = built.summary.touching > 0;
+    let made = Made { proxy: built.proxy, shell: None, words, notes: built.notes, joined: built.joined, touching };
+    if let Some(cache) = cache {
+        cache.keep(&key, &(&made.proxy, &made.words, &made.notes, &made.joined, made.touching));
+    }
+    Ok(made)
+}
+
+#[allow(clippy::too_many_arguments)]
+fn bind(
+    args: &Animate,
+    scan: &Scan,
+    unit_box: UnitBox,
+    points: &[DVec3],
+    triangles: &[[u32; 3]],
+    captures: &mut Captures,
+    rig: &Rig,
+    (console, cancel): (&Console, &Cancel),
+) -> Result<(Binding, Option<Floor>)> {
+    let mut notes = Notes::default();
+    let options = rig.options(args, scan, unit_box, &mut notes)?;
+    let places = rig.landmarks(scan, unit_box)?;
+    let body = match options.frozen.as_ref().and_then(|frozen| frozen.body()) {
+        Some(body) => Ok(body),
+        None => landmarks::told(landmarks::find(points, triangles), &places, points),
+    };
+    let floor = body.as_ref().ok().and_then(|body| body.floor);
+    let centre = |t: &[u32; 3]| t.iter().map(|&v| points[v as usize]).sum::<DVec3>() / 3.0;
+    let tree = match floor {
+        Some(floor) => {
+            TriangleTree::new(points, &triangles.iter().filter(|t| !floor.holds(centre(t))).copied().collect::<Vec<_>>())
+        }
+        None => TriangleTree::new(points, triangles),
+    };
+    let shape = ScanShape { tree: &tree, unit_box, space: &scan.space, mesh: Some(&scan.mesh) };
+    let mut binding = match captures.tables.first().filter(|_| is_table(&args.capture)) {
+        Some(table) => driven::unbound(&shape, body.as_ref().ok(), table, &options),
+        None => {
+            let progress = std::sync::OnceLock::new();
+            let watch = |done: usize, of: usize| {
+                progress.get_or_init(|| console.progress("posing the actor  ", of)).at(done);
+                cancel.check().map_err(|e| {
+                    let so_far = format!("{} of {} frames", words::count(done), words::count(of));
+                    Error::new(e.kind, format!("interrupted after the actor was posed in {so_far}; nothing was written"))
+                })
+            };
+            let bound = binding::bind(&shape, body, &captures.capture, captures.reference.as_ref(), &options, &watch);
+            progress.get().inspect(|progress| progress.finish());
+            bound.map_err(|e| if e.file.is_none() && e.kind != Kind::Interrupted { e.file(&scan.source) } else { e })?
+        }
+    };
+    notes.iter().for_each(|text| binding.notes.warn(text));
+    let holds: Vec<Hold> = args.hold.iter().chain(&args.hold_exact).cloned().collect();
+    for table in &captures.tables {
+        driven::add_handles(&shape, &mut captures.capture, &mut binding, table, &holds)?;
+    }
+    Ok((binding, floor))
+}
+
+/// The scan without the floor that has grown together with the feet: it would move and tear with them.
+fn without_floor(scan: &Scan, unit_box: UnitBox, floor: &Floor, notes: &mut Notes) -> Scan {
+    let without =
+        scan.with_faces(|corners| !floor.holds(unit_box.enter(corners.iter().sum::<DVec3>() / corners.len().max(1) as f64)));
+    notes.warn(format!(
+        "the feet have grown together with a flat floor: its {} are left out, and what is written has no floor",
+        words::plural(scan.mesh.faces.len() - without.mesh.faces.len(), "face")
+    ));
+    without
+}
