@@ -89,6 +89,17 @@ pub struct JointSpec {
     pub region: Option<Region>,
 }
 
+/// A plane that points of the parts do not go below.
+#[derive(Clone, Debug)]
+pub struct Ground {
+    /// Unit normal, away from what is below.
+    pub up: DVec3,
+    /// Of the plane, along the normal.
+    pub height: f64,
+    /// Parts and places on them at rest.
+    pub points: Vec<(usize, DVec3)>,
+}
+
 /// A joint between variables.
 #[derive(Clone, Debug)]
 pub(super) struct Link {
@@ -129,6 +140,7 @@ pub struct Model {
     pub(super) origins: Vec<DVec3>,
     pub(super) links: Vec<Link>,
     pub(super) strains: Vec<Strain>,
+    pub(super) ground: Option<Ground>,
 }
 
 impl Model {
@@ -231,7 +243,12 @@ impl Model {
                 }
             }
         }
-        Ok(Self { parts, cells, first, variables, origins, links, strains })
+        Ok(Self { parts, cells, first, variables, origins, links, strains, ground: None })
+    }
+
+    /// The same over a ground.
+    pub fn over(self, ground: Ground) -> Self {
+        Self { ground: Some(ground), ..self }
     }
 
     /// Number of cells.
