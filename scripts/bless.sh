@@ -3,4 +3,5 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 RETARGET_BLESS=1 cargo test --release --test golden -- --nocapture
-git --no-pager diff --stat -- tests/golden
+RETARGET_BLESS=1 cargo test --release --test joints golden -- --nocapture
+git --no-pager diff --stat -- tests/golden tests/joints/golden

@@ -6,22 +6,22 @@ use retarget::deform::{Deformer, Handle, Targets};
 use retarget::glam;
 use retarget::joints::Kind;
 
-fn block(centre: DVec3, half: DVec3) -> Vec<DVec3> {
+pub fn block(centre: DVec3, half: DVec3) -> Vec<DVec3> {
     let sign = |k: u32, bit: u32| if k & bit == 0 { -1.0 } else { 1.0 };
     (0..8).map(|k| centre + half * DVec3::new(sign(k, 1), sign(k, 2), sign(k, 4))).collect()
 }
 
-fn frame(x: DVec3) -> DMat3 {
+pub fn frame(x: DVec3) -> DMat3 {
     let z = x.any_orthonormal_vector();
     DMat3::from_cols(x, z.cross(x), z)
 }
 
-fn joint(name: &str, kind: Kind, a: usize, b: usize, centre: DVec3, x: DVec3) -> JointSpec {
+pub fn joint(name: &str, kind: Kind, a: usize, b: usize, centre: DVec3, x: DVec3) -> JointSpec {
     let (a, b) = (Side::Part(a), Side::Part(b));
     JointSpec { name: name.into(), kind, a, b, centre, frame: frame(x), angle: None, slide: None, cone: None, region: None }
 }
 
-fn rigid(name: &str, points: Vec<DVec3>) -> Part {
+pub fn rigid(name: &str, points: Vec<DVec3>) -> Part {
     Part { name: name.into(), points, body: Body::Rigid }
 }
 
@@ -54,7 +54,7 @@ fn machine() -> (Vec<Part>, Vec<JointSpec>) {
 }
 
 /// Four markers on every part.
-fn markers(model: &Model) -> Vec<Handle> {
+pub fn markers(model: &Model) -> Vec<Handle> {
     let parts = model.parts().iter().enumerate();
     let of_part = |(k, part): (usize, &Part)| -> Vec<Handle> {
         let corners = [0, 3, 5, 6].map(|c| part.points[c]);
@@ -63,16 +63,16 @@ fn markers(model: &Model) -> Vec<Handle> {
     parts.flat_map(of_part).collect()
 }
 
-fn held(model: &Model, handles: &[Handle]) -> Vec<DVec3> {
+pub fn held(model: &Model, handles: &[Handle]) -> Vec<DVec3> {
     let rest = model.frames().rest;
     handles.iter().map(|h| h.row.apply(&rest)).collect()
 }
 
-fn all(positions: Vec<DVec3>) -> Targets {
+pub fn all(positions: Vec<DVec3>) -> Targets {
     Targets { presence: vec![1.0; positions.len()], positions }
 }
 
-fn deformer(
+pub fn deformer(
     parts: Vec<Part>,
     joints: &[JointSpec],
     handles: impl Fn(&Model) -> Vec<Handle>,
@@ -83,11 +83,11 @@ fn deformer(
     (Joints::new(model, &handles, &Options::default()).expect("a deformer"), handles, rest)
 }
 
-fn worst(handles: &[Handle], pose: &[DVec3], targets: &[DVec3]) -> f64 {
+pub fn worst(handles: &[Handle], pose: &[DVec3], targets: &[DVec3]) -> f64 {
     handles.iter().zip(targets).map(|(h, t)| h.row.apply(pose).distance(*t)).fold(0.0, f64::max)
 }
 
-fn turn(seed: f64) -> DQuat {
+pub fn turn(seed: f64) -> DQuat {
     DQuat::from_xyzw(seed.sin(), (2.0 * seed).cos(), (3.0 * seed).sin(), 0.8).normalize()
 }
 

@@ -38,7 +38,7 @@ pub struct Options {
     pub tolerance: f64,
     /// Steps per frame at most.
     pub iterations: u32,
-    /// How strongly turns stay near those of the frame before, against a handle; `None`: a fiftieth of the rate where handles leave parts open, else
+    /// How strongly joints stay turned as in the frame before, against a handle; `None`: a twenty-fifth of the rate where handles leave parts open, else
     /// hardly at all.
     pub hold: Option<f64>,
     /// Frames per second.
@@ -53,9 +53,9 @@ impl Default for Options {
     }
 }
 
-/// Hold for bodies that handles leave open, in seconds: a drag that slows turns down as much at any rate. Less lets a limb that comes out of a singular pose
+/// Hold for bodies that handles leave open, in seconds: a drag that slows joints down as much at any rate. Less lets a limb that comes out of a singular pose
 /// (an arm that hangs along two of its axes) snap over within a frame, more lags behind the take.
-const DRAG: f64 = 0.02;
+const DRAG: f64 = 0.04;
 /// Hold for others.
 const HARDLY: f64 = 1e-9;
 

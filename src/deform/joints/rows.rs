@@ -108,6 +108,17 @@ pub(super) fn stay(system: &mut System, weight: f64, pose: &Pose, before: &Pose,
     }
 }
 
+/// A joint turns as it was turned in the frame before: a drag that a motion of the whole does not feel.
+pub(super) fn drag(system: &mut System, weight: f64, pose: &Pose, before: &Pose, link: &Link) {
+    let Link { a, b, .. } = *link;
+    let last = before.turns[a].transpose() * before.turns[b];
+    for axis in DVec3::AXES {
+        let arm = axis * (LEVER * UNIT);
+        let (p, q) = (pose.turns[b] * arm, pose.turns[a] * (last * arm));
+        system.add_turns(weight, p - q, &[(b, turned(p)), (a, turned(q) * -1.0)]);
+    }
+}
+
 /// A joint and the limits that are met.
 pub(super) fn joint(
     system: &mut System,

@@ -12,6 +12,9 @@ use glam::{DMat3, DQuat, DVec3};
 /// The largest turn of a variable in one step, radians: the step is shortened as a whole. Rows are linear in turns only nearby.
 const LARGEST_TURN: f64 = 1.0;
 
+/// How strongly a variable stays as it was turned, against how strongly a joint does.
+const WHOLE: f64 = 0.01;
+
 /// What is solved, and its buffers: a step allocates nothing.
 #[derive(Debug)]
 pub(super) struct Solver {
@@ -75,7 +78,7 @@ impl Solver {
         self.system.entries()
     }
 
-    /// At most `cap` steps, until none moves anything by more than `tolerance`. `stay` is how strongly turns stay near those of `before`.
+    /// At most `cap` steps, until none moves anything by more than `tolerance`. `stay` is how strongly joints stay turned as in `before`.
     ///
     /// # Errors
     /// A pose that is not finite any more.
@@ -141,8 +144,11 @@ impl Solver {
             }
         }
         if stay > 0.0 {
+            for link in &model.links {
+                rows::drag(system, weights.position * stay, pose, before, link);
+            }
             for variable in 0..model.variables() {
-                rows::stay(system, weights.position * stay, pose, before, variable);
+                rows::stay(system, weights.position * stay * WHOLE, pose, before, variable);
             }
         }
     }
