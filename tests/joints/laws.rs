@@ -348,6 +348,53 @@ fn a_joint_within_one_part_lets_its_regions_turn_against_each_other() {
 }
 
 #[test]
+fn regions_that_hang_on_the_same_one_come_apart_from_each_other_too() {
+    // Two ears side by side on a head, all of one bar.
+    let region = |name: &str, lo: [f64; 3], hi: [f64; 3]| Group {
+        name: name.into(),
+        part: 0,
+        regions: vec![Region { lo: DVec3::from(lo), hi: DVec3::from(hi) }],
+    };
+    let groups = [
+        region("head", [-1.0, -1.0, -1.0], [1.0, 1.0, 0.0]),
+        region("left", [-1.0, -1.0, 0.0], [0.0, 1.0, 1.0]),
+        region("right", [0.0, -1.0, 0.0], [1.0, 1.0, 1.0]),
+    ];
+    let hinge = |name: &str, ear: usize, x: f64| JointSpec {
+        a: Side::Group(0),
+        b: Side::Group(ear),
+        ..joint(name, Kind::Revolute, 0, 1, DVec3::X * x, DVec3::X)
+    };
+    let model =
+        Model::new(vec![bar([8, 2, 2], 1.0)], &groups, &[hinge("left", 1, -0.2), hinge("right", 2, 0.2)]).expect("a model");
+    let places = |z: f64| {
+        [(-0.4, 0.04), (-0.4, -0.04), (-0.1, 0.04), (0.4, 0.04), (0.4, -0.04), (0.1, 0.04)].map(|(x, y)| DVec3::new(x, y, z))
+    };
+    // Where cells of one side alone tell what happens.
+    let all_places = [places(-0.05), places(0.05)].concat();
+    let handle = |p: &DVec3| {
+        let mut handle = Handle { name: "at".into(), row: model.row(0, *p), beta: 1.0 };
+        let variable = model.variable(0, *p);
+        // Its variable's own point, not the blend of cells around it.
+        let o = model.frames().rest[4 * variable];
+        let arms = (*p - o) * 10.0;
+        handle.row.indices = (0..4).map(|k| 4 * variable as u32 + k).collect();
+        handle.row.values = vec![1.0 - arms.x - arms.y - arms.z, arms.x, arms.y, arms.z];
+        handle
+    };
+    let handles: Vec<Handle> = all_places.iter().map(handle).collect();
+    assert_eq!(model.variables(), 3);
+    let asked = |p: &DVec3| {
+        let angle = if p.z < 0.0 { 0.0 } else { 0.8 * p.x.signum() };
+        DQuat::from_rotation_x(angle) * *p
+    };
+    let targets: Vec<DVec3> = all_places.iter().map(asked).collect();
+    let mut body = Joints::new(model, &handles, &Options::default()).expect("a deformer");
+    body.start(&all(targets.clone())).expect("solved");
+    assert!(worst(&handles, body.pose(), &targets) < 1e-6, "strain between them: {}", worst(&handles, body.pose(), &targets));
+}
+
+#[test]
 fn a_snake_without_limbs_follows_a_few_handles_within_its_cones() {
     const PIECES: usize = 10;
     let length = 1.0 / PIECES as f64;

@@ -13,6 +13,8 @@ const FRAMES: usize = 24;
 const ROUNDING: f64 = 1e-6;
 /// A frame ends when no step moves anything by more than 2e-5 diagonals: two ways to it are about this far apart.
 const SOLVED: f64 = 4e-4;
+/// Joints that few handles tell are slowed down: at 30 frames a second a motion is followed this nearly.
+const DRAGGED: f64 = 1e-2;
 /// A vertex moves farther than its neighbours in time by no more than this when handles vanish and return.
 const JUMP: f64 = 0.03;
 
@@ -77,7 +79,7 @@ fn rest_and_rigid_motions_come_through() {
 
 #[test]
 fn a_take_that_the_joints_allow_is_met_vertex_by_vertex() {
-    let mut law = Law::new("parts: a motion of the joints comes back", SOLVED);
+    let mut law = Law::new("parts: a motion of the joints comes back", DRAGGED);
     let [(_, within), _] = arm::takes(FRAMES);
     for (f, frame) in run(&View::PLAIN, false, &within, &[]).0.iter().enumerate() {
         let t = 0.12 * f as f64;

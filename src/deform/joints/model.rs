@@ -225,19 +225,27 @@ impl Model {
             let JointSpec { kind, centre, frame, angle, slide, cone, .. } = *joint;
             links.push(Link { kind, a, b, centre, frame, angle, slide, cone });
         }
-        // Groups that a joint connects part along their border.
-        let parted: Vec<[u32; 2]> = joints
-            .iter()
-            .zip(&sides)
-            .filter(|(joint, _)| matches!((joint.a, joint.b), (Side::Group(_), Side::Group(_))))
-            .map(|(_, &(a, b))| sorted([variables[a], variables[b]]))
-            .collect();
+        // Groups that hang together by joints come apart along their borders, as two ears on one head do from it and from each other.
+        let mut hanging = Sets((0..groups.len()).collect());
+        for joint in joints {
+            if let (Side::Group(a), Side::Group(b)) = (joint.a, joint.b) {
+                hanging.join(a, b);
+            }
+        }
+        let mut hangs: Vec<Option<usize>> = vec![None; count as usize];
+        let roots: Vec<usize> = (0..groups.len()).map(|g| hanging.root(g)).collect();
+        for (g, cells) in members.iter().enumerate() {
+            if roots.iter().filter(|root| **root == roots[g]).count() > 1 {
+                hangs[variables[cells[0]] as usize] = Some(roots[g]);
+            }
+        }
+        let come_apart = |a: u32, b: u32| hangs[a as usize].is_some() && hangs[a as usize] == hangs[b as usize];
         let mut strains = Vec::new();
         for (p, own) in cells.iter().enumerate() {
             let Body::Soft { stiffness, .. } = parts[p].body else { continue };
             for pair in &own.neighbours {
                 let [a, b] = pair.map(|c| variables[first[p] + c as usize]);
-                if a != b && !parted.contains(&sorted([a, b])) {
+                if a != b && !come_apart(a, b) {
                     let corners = pair.map(|c| own.corners[c as usize]);
                     strains.push(Strain::new(a as usize, b as usize, stiffness, &corners));
                 }
@@ -366,10 +374,6 @@ fn check(joint: &JointSpec) -> Result<()> {
         return fail("both sides are the same", "two parts");
     }
     Ok(())
-}
-
-fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
-    [a.min(b), a.max(b)]
 }
 
 /// Disjoint sets; the root of a set is its lowest member.
