@@ -148,3 +148,55 @@ impl Violation {
         }
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::super::model::{Body, JointSpec, Part, Side};
+    use super::*;
+    use crate::joints::Kind;
+    use glam::DQuat;
+
+    #[test]
+    fn the_linear_model_of_a_step_tells_where_a_small_one_ends() {
+        let block = |name: &str, at: DVec3| Part {
+            name: name.into(),
+            points: (0..8).map(|k| at + DVec3::from([k & 1, k >> 1 & 1, k >> 2].map(f64::from)) * 0.2).collect(),
+            body: Body::Rigid,
+        };
+        let x = DVec3::new(0.2, 0.4, 1.0).normalize();
+        let z = x.any_orthonormal_vector();
+        let joint = JointSpec {
+            name: "joint".into(),
+            kind: Kind::Cylinder,
+            a: Side::Part(0),
+            b: Side::Part(1),
+            centre: DVec3::new(0.1, 0.05, 0.2),
+            frame: DMat3::from_cols(x, z.cross(x), z),
+            angle: None,
+            slide: None,
+            cone: None,
+            region: None,
+        };
+        let model = Model::new(vec![block("a", DVec3::ZERO), block("b", DVec3::Z * 0.3)], &[], &[joint]).unwrap();
+        let link = &model.links[0];
+        let turn = |seed: f64, size: f64| DVec3::new(seed.sin(), (2.0 * seed).cos(), (3.0 * seed).sin()) * size;
+        // Turned about X alone, so that its angle is the turn's, and swung.
+        for swing in [0.0, 0.4] {
+            let a = DMat3::from_quat(DQuat::from_scaled_axis(turn(1.0, 0.8)));
+            let b = a * DMat3::from_axis_angle(z, swing) * DMat3::from_axis_angle(x, 0.6);
+            let pose = Pose { turns: vec![a, b], places: vec![turn(4.0, 0.3), turn(5.0, 0.5)] };
+            let at = Coordinates::of(link, &model, &pose, 0.0);
+            let step = |v: usize| (turn(6.0 + v as f64, 1e-6), turn(8.0 + v as f64, 1e-6));
+            let moved = |v: usize| DMat3::from_quat(DQuat::from_scaled_axis(step(v).0)) * pose.turns[v];
+            let there = Pose { turns: vec![moved(0), moved(1)], places: (0..2).map(|v| pose.places[v] + step(v).1).collect() };
+            let (ahead, real) = (at.ahead(link, &model, &pose, step), Coordinates::of(link, &model, &there, 0.0));
+            assert!((ahead[1] - real.slide).abs() < 1e-10, "slide: {} and {}", ahead[1], real.slide);
+            if swing > 0.0 {
+                assert!((ahead[2] - real.swing).abs() < 1e-10, "swing: {} and {}", ahead[2], real.swing);
+            } else {
+                assert!((ahead[0] - real.angle).abs() < 1e-10, "angle: {} and {}", ahead[0], real.angle);
+            }
+        }
+    }
+}
