@@ -140,6 +140,10 @@ fn handles_that_vanish_and_return_make_no_jump() {
                 let extra = (0..whole[0].len()).map(|v| move_of(&with, v) - move_of(&whole, v)).fold(0.0, f64::max);
                 law.note(&format!("{name}, soft {soft}, frame {f}"), extra);
             }
+            if name == "beyond" {
+                // What cannot be met is missed in more than one way.
+                continue;
+            }
             // The parts that their handles tell are back; how the free ones between them are turned is another matter.
             let told = |frame: &[DVec3]| -> Vec<DVec3> {
                 frame.iter().zip(arm::rest()).filter(|(_, (part, _))| [0, 3].contains(part)).map(|(p, _)| *p).collect()
