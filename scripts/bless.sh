@@ -3,5 +3,6 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 RETARGET_BLESS=1 cargo test --release --test golden -- --nocapture
+RETARGET_BLESS=1 cargo test --release --test joints golden -- --nocapture
 RETARGET_BLESS=1 cargo test --release --test guide -- commands_print
-git --no-pager diff --stat -- tests/golden docs
+git --no-pager diff --stat -- tests/golden tests/joints/golden docs

@@ -6,8 +6,11 @@ use crate::spatial::PointTree;
 use glam::{DMat3, DVec3};
 use std::f64::consts::PI;
 
-/// Parts may run into each other by this much more than at rest, in diagonals of the model.
+/// Parts may run into each other by this much more than at rest, in diagonals of the model …
 const TOLERANCE: f64 = 0.002;
+/// … and by this much of the roughness of their contact, of which the highest bumps meet, but by no more than this in all.
+const BUMPS: f64 = 6.0;
+const ROUGHEST: f64 = 0.012;
 /// Distance of the points that are tried, besides the vertices.
 const SPACING: f64 = 0.02;
 /// Steps of the search.
@@ -110,6 +113,8 @@ struct Trial<'a> {
     surface: PointTree,
     size: f64,
     reach: f64,
+    /// By how much more they may be in each other than at rest.
+    tolerance: f64,
     /// How deep they are in each other at rest, and how much of the contact touches.
     depth: f64,
     touching: f64,
@@ -137,6 +142,7 @@ impl<'a> Trial<'a> {
             surface: PointTree::new(&surface),
             size,
             reach,
+            tolerance: (BUMPS * roughness(joint, a, b)).clamp(TOLERANCE * size, ROUGHEST * size),
             depth: 0.0,
             touching: 1.0,
         };
@@ -147,7 +153,7 @@ impl<'a> Trial<'a> {
 
     /// How deep the parts are in each other with `b` moved.
     fn deepest(&self, there: &dyn Fn(DVec3) -> DVec3, back: &dyn Fn(DVec3) -> DVec3) -> f64 {
-        let most = self.depth + TOLERANCE * self.size;
+        let most = self.depth + self.tolerance;
         let mut deepest = f64::NEG_INFINITY;
         let in_a = self.of_b.iter().map(|&p| self.a.depth(there(p)));
         for depth in in_a.chain(self.of_a.iter().map(|&p| self.b.depth(back(p)))) {
@@ -182,13 +188,43 @@ impl<'a> Trial<'a> {
         };
         // A stop that is met head-on is passed by the tolerance.
         let most = FARTHEST * self.size;
-        let reached = |x: f64| if x >= most { x } else { (x - TOLERANCE * self.size).max(0.0) };
+        let reached = |x: f64| if x >= most { x } else { (x - self.tolerance).max(0.0) };
         (-reached(farthest(SLIDE * self.size, most, |x| fits(-x))), reached(farthest(SLIDE * self.size, most, fits)))
     }
 
     fn fits(&self, there: &dyn Fn(DVec3) -> DVec3, back: &dyn Fn(DVec3) -> DVec3) -> bool {
-        self.deepest(there, back) <= self.depth + TOLERANCE * self.size
+        self.deepest(there, back) <= self.depth + self.tolerance
     }
+}
+
+/// How rough a contact is for the motions of its joint: how far it goes up or down along them within a triangle. A surface that slips is level along them,
+/// coarse or curved as it may be; noise of its vertices is not.
+fn roughness(joint: &Joint, a: &Part, b: &Part) -> f64 {
+    let [x, y, z] = [joint.frame.x_axis, joint.frame.y_axis, joint.frame.z_axis];
+    let (turns, slides): (&[DVec3], &[DVec3]) = match joint.kind {
+        Kind::Revolute => (&[x], &[]),
+        Kind::Cylinder => (&[x], &[x]),
+        Kind::Prismatic => (&[], &[x]),
+        Kind::Plane => (&[], &[x, y]),
+        Kind::Ball => (&[x, y, z], &[]),
+        Kind::Fixed => (&[], &[]),
+    };
+    let contact = &joint.contact;
+    let mut heights = Vec::new();
+    for (k, (p, n, _)) in contact.surface.iter().enumerate() {
+        let part = if k < contact.of_first { a } else { b };
+        let Some(near) = part.tree.closest(p) else { continue };
+        let corners = part.triangles[near.triangle].map(|v| part.points[v as usize]);
+        let ways = turns.iter().map(|axis| axis.cross(p - joint.centre)).chain(slides.iter().copied());
+        heights.extend(ways.filter_map(DVec3::try_normalize).map(|way| {
+            let along = corners.map(|c| c.dot(way));
+            let length = along.into_iter().fold(f64::NEG_INFINITY, f64::max) - along.into_iter().fold(f64::INFINITY, f64::min);
+            (n.dot(way) * length).abs()
+        }));
+    }
+    // The middle one: chamfers and rims in the contact are no noise.
+    let middle = heights.len() / 2;
+    if heights.is_empty() { 0.0 } else { *heights.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
 /// The largest value up to `most` that is reached by steps that fit.

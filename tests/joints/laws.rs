@@ -6,22 +6,22 @@ use retarget::deform::{Deformer, Handle, Targets};
 use retarget::glam;
 use retarget::joints::Kind;
 
-fn block(centre: DVec3, half: DVec3) -> Vec<DVec3> {
+pub fn block(centre: DVec3, half: DVec3) -> Vec<DVec3> {
     let sign = |k: u32, bit: u32| if k & bit == 0 { -1.0 } else { 1.0 };
     (0..8).map(|k| centre + half * DVec3::new(sign(k, 1), sign(k, 2), sign(k, 4))).collect()
 }
 
-fn frame(x: DVec3) -> DMat3 {
+pub fn frame(x: DVec3) -> DMat3 {
     let z = x.any_orthonormal_vector();
     DMat3::from_cols(x, z.cross(x), z)
 }
 
-fn joint(name: &str, kind: Kind, a: usize, b: usize, centre: DVec3, x: DVec3) -> JointSpec {
+pub fn joint(name: &str, kind: Kind, a: usize, b: usize, centre: DVec3, x: DVec3) -> JointSpec {
     let (a, b) = (Side::Part(a), Side::Part(b));
     JointSpec { name: name.into(), kind, a, b, centre, frame: frame(x), angle: None, slide: None, cone: None, region: None }
 }
 
-fn rigid(name: &str, points: Vec<DVec3>) -> Part {
+pub fn rigid(name: &str, points: Vec<DVec3>) -> Part {
     Part { name: name.into(), points, body: Body::Rigid }
 }
 
@@ -54,7 +54,7 @@ fn machine() -> (Vec<Part>, Vec<JointSpec>) {
 }
 
 /// Four markers on every part.
-fn markers(model: &Model) -> Vec<Handle> {
+pub fn markers(model: &Model) -> Vec<Handle> {
     let parts = model.parts().iter().enumerate();
     let of_part = |(k, part): (usize, &Part)| -> Vec<Handle> {
         let corners = [0, 3, 5, 6].map(|c| part.points[c]);
@@ -63,16 +63,16 @@ fn markers(model: &Model) -> Vec<Handle> {
     parts.flat_map(of_part).collect()
 }
 
-fn held(model: &Model, handles: &[Handle]) -> Vec<DVec3> {
+pub fn held(model: &Model, handles: &[Handle]) -> Vec<DVec3> {
     let rest = model.frames().rest;
     handles.iter().map(|h| h.row.apply(&rest)).collect()
 }
 
-fn all(positions: Vec<DVec3>) -> Targets {
+pub fn all(positions: Vec<DVec3>) -> Targets {
     Targets { presence: vec![1.0; positions.len()], positions }
 }
 
-fn deformer(
+pub fn deformer(
     parts: Vec<Part>,
     joints: &[JointSpec],
     handles: impl Fn(&Model) -> Vec<Handle>,
@@ -83,11 +83,11 @@ fn deformer(
     (Joints::new(model, &handles, &Options::default()).expect("a deformer"), handles, rest)
 }
 
-fn worst(handles: &[Handle], pose: &[DVec3], targets: &[DVec3]) -> f64 {
+pub fn worst(handles: &[Handle], pose: &[DVec3], targets: &[DVec3]) -> f64 {
     handles.iter().zip(targets).map(|(h, t)| h.row.apply(pose).distance(*t)).fold(0.0, f64::max)
 }
 
-fn turn(seed: f64) -> DQuat {
+pub fn turn(seed: f64) -> DQuat {
     DQuat::from_xyzw(seed.sin(), (2.0 * seed).cos(), (3.0 * seed).sin(), 0.8).normalize()
 }
 
@@ -345,6 +345,53 @@ fn a_joint_within_one_part_lets_its_regions_turn_against_each_other() {
     let bent: Vec<DVec3> = rest.iter().map(|p| if p.x > 0.0 { q * *p } else { *p }).collect();
     body.start(&all(bent.clone())).expect("solved");
     assert!(worst(&handles, body.pose(), &bent) < 1e-6, "no strain across the border: {}", worst(&handles, body.pose(), &bent));
+}
+
+#[test]
+fn regions_that_hang_on_the_same_one_come_apart_from_each_other_too() {
+    // Two ears side by side on a head, all of one bar.
+    let region = |name: &str, lo: [f64; 3], hi: [f64; 3]| Group {
+        name: name.into(),
+        part: 0,
+        regions: vec![Region { lo: DVec3::from(lo), hi: DVec3::from(hi) }],
+    };
+    let groups = [
+        region("head", [-1.0, -1.0, -1.0], [1.0, 1.0, 0.0]),
+        region("left", [-1.0, -1.0, 0.0], [0.0, 1.0, 1.0]),
+        region("right", [0.0, -1.0, 0.0], [1.0, 1.0, 1.0]),
+    ];
+    let hinge = |name: &str, ear: usize, x: f64| JointSpec {
+        a: Side::Group(0),
+        b: Side::Group(ear),
+        ..joint(name, Kind::Revolute, 0, 1, DVec3::X * x, DVec3::X)
+    };
+    let model =
+        Model::new(vec![bar([8, 2, 2], 1.0)], &groups, &[hinge("left", 1, -0.2), hinge("right", 2, 0.2)]).expect("a model");
+    let places = |z: f64| {
+        [(-0.4, 0.04), (-0.4, -0.04), (-0.1, 0.04), (0.4, 0.04), (0.4, -0.04), (0.1, 0.04)].map(|(x, y)| DVec3::new(x, y, z))
+    };
+    // Where cells of one side alone tell what happens.
+    let all_places = [places(-0.05), places(0.05)].concat();
+    let handle = |p: &DVec3| {
+        let mut handle = Handle { name: "at".into(), row: model.row(0, *p), beta: 1.0 };
+        let variable = model.variable(0, *p);
+        // Its variable's own point, not the blend of cells around it.
+        let o = model.frames().rest[4 * variable];
+        let arms = (*p - o) * 10.0;
+        handle.row.indices = (0..4).map(|k| 4 * variable as u32 + k).collect();
+        handle.row.values = vec![1.0 - arms.x - arms.y - arms.z, arms.x, arms.y, arms.z];
+        handle
+    };
+    let handles: Vec<Handle> = all_places.iter().map(handle).collect();
+    assert_eq!(model.variables(), 3);
+    let asked = |p: &DVec3| {
+        let angle = if p.z < 0.0 { 0.0 } else { 0.8 * p.x.signum() };
+        DQuat::from_rotation_x(angle) * *p
+    };
+    let targets: Vec<DVec3> = all_places.iter().map(asked).collect();
+    let mut body = Joints::new(model, &handles, &Options::default()).expect("a deformer");
+    body.start(&all(targets.clone())).expect("solved");
+    assert!(worst(&handles, body.pose(), &targets) < 1e-6, "strain between them: {}", worst(&handles, body.pose(), &targets));
 }
 
 #[test]

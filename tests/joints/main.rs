@@ -2,9 +2,15 @@
 
 #![allow(clippy::print_stderr)]
 
+mod arm;
+#[path = "../common/mod.rs"]
+mod common;
 mod corpus;
 mod detection;
 mod laws;
+mod limits;
 mod program;
+mod runs;
 mod shapes;
+mod table;
 mod targets;

@@ -201,7 +201,7 @@ pub enum BindKind {
 #[serde(deny_unknown_fields, default)]
 #[allow(missing_docs)]
 pub struct SolverSection {
-    /// How strongly turns stay near those of the frame before.
+    /// How strongly joints stay turned as in the frame before.
     #[serde(skip_serializing_if = "is_default")]
     pub hold: Option<f64>,
     /// Steps per frame at most.

@@ -1,18 +1,8 @@
 //! The rig file: what a person says once about a scan and a capture, and what a run decided, to be edited and fed back.
 //!
-//! TOML; every section may be left out:
-//!
-//! | section | says |
-//! |---|---|
-//! | `[space]` | `scan_unit`, `scan_up`, `scan_forward` (of a thing made of parts), `capture_unit`, `capture_up`, `scale`, `yaw`, `flip`, `mirror`, `swap_sides`: as the options of these names |
-//! | `[reference]` | `frame`, or `file` of a static trial, beside the rig file unless absolute |
-//! | `[markers]` | label = another label that the dictionary knows, `"ignore"`, a vertex of the scan, or a place `[x, y, z]` in its coordinates |
-//! | `[landmarks]` | joint of the scan (`left_shoulder`, `crown`, …) = a vertex or a place |
-//! | `[skeleton]` | joint of the capture = what it is (`"left elbow"`, `"pelvis"`, …) |
-//! | `[[group]]` | `what` (as `--rigid` takes it), with `rigid = true` or `stiffness = X` |
-//! | `[mesh]`, `[[component]]`, `[[joint]]` | the parts of a thing and how they hang together, as `retarget joints` writes them |
-//! | `[[bind]]`, `[solver]` | what of a capture drives which part, and how parts and joints are solved |
-//! | `[frozen]` | the decisions of one run, see [`Frozen`] |
+//! TOML; every section may be left out, every key is in `docs/formats.md`. Units, axes and sides are `[space]`, frames `[reference]`, names and places
+//! `[markers]`, `[landmarks]` and `[skeleton]`, stiffer parts `[[group]]`; a thing made of parts is `[mesh]`, `[[component]]` and `[[joint]]`, driven by
+//! `[[bind]]` and solved as `[solver]` says; [`Frozen`] holds the decisions of one run.
 //!
 //! What the command line says wins over the file.
 

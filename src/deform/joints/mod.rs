@@ -19,7 +19,7 @@ mod system;
 mod tree;
 
 pub use coordinates::Violation;
-pub use model::{Body, Group, JointSpec, Model, Part, Region, Side};
+pub use model::{Body, Ground, Group, JointSpec, Model, Part, Region, Side};
 pub use rows::Weights;
 
 use super::{Deformer, FrameStats, Handle, Targets};
@@ -38,20 +38,25 @@ pub struct Options {
     pub tolerance: f64,
     /// Steps per frame at most.
     pub iterations: u32,
-    /// How strongly turns stay near those of the frame before, against a handle; `None`: 0.3 where handles leave parts open, else hardly at all.
+    /// How strongly joints stay turned as in the frame before, against a handle; `None`: a twenty-fifth of the rate where handles leave parts open, else
+    /// hardly at all.
     pub hold: Option<f64>,
+    /// Frames per second.
+    pub rate: f64,
     /// Whether a tree of joints between rigid parts is made exact in the end.
     pub snap: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { weights: Weights::default(), tolerance: 1e-4, iterations: 20, hold: None, snap: true }
+        Self { weights: Weights::default(), tolerance: 1e-4, iterations: 20, hold: None, rate: 30.0, snap: true }
     }
 }
 
-/// Hold for bodies that handles leave open, and for others.
-const HOLD: f64 = 0.3;
+/// Hold for bodies that handles leave open, in seconds: a drag that slows joints down as much at any rate. Less lets a limb that comes out of a singular pose
+/// (an arm that hangs along two of its axes) snap over within a frame, more lags behind the take.
+const DRAG: f64 = 0.04;
+/// Hold for others.
 const HARDLY: f64 = 1e-9;
 
 /// Handles that jump farther between frames, in diagonals, are led there in steps of this length.
@@ -95,7 +100,7 @@ impl Joints {
         let holds: Vec<rows::Hold> = handles.iter().map(|h| Model::holds(&h.row)).collect();
         let betas = handles.iter().map(|h| h.beta).collect();
         let tree = Tree::new(&model, holds.iter().flatten().map(|h| h.0));
-        let hold = options.hold.unwrap_or_else(|| if is_open(&model, &holds) { HOLD } else { HARDLY });
+        let hold = options.hold.unwrap_or_else(|| if is_open(&model, &holds) { DRAG * options.rate } else { HARDLY });
         let solver = Solver::new(model, holds, betas, options.weights)
             .map_err(|_| Error::refused("more parts and joints than can be solved together"))?;
         let state = solver.rest();
@@ -166,6 +171,9 @@ impl Joints {
         self.snapped.set(&self.state.pose);
         if self.options.snap {
             self.tree.snap(&self.solver.model, &mut self.snapped, &self.state.angles, &self.state.pose);
+        }
+        if let Some((depth, up)) = self.solver.depth(&self.snapped) {
+            self.snapped.places.iter_mut().for_each(|place| *place += up * depth);
         }
         Model::pose(&self.snapped.turns, &self.snapped.places, &mut self.pose);
     }

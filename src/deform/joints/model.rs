@@ -89,6 +89,17 @@ pub struct JointSpec {
     pub region: Option<Region>,
 }
 
+/// A plane that points of the parts do not go below.
+#[derive(Clone, Debug)]
+pub struct Ground {
+    /// Unit normal, away from what is below.
+    pub up: DVec3,
+    /// Of the plane, along the normal.
+    pub height: f64,
+    /// Parts and places on them at rest.
+    pub points: Vec<(usize, DVec3)>,
+}
+
 /// A joint between variables.
 #[derive(Clone, Debug)]
 pub(super) struct Link {
@@ -129,6 +140,7 @@ pub struct Model {
     pub(super) origins: Vec<DVec3>,
     pub(super) links: Vec<Link>,
     pub(super) strains: Vec<Strain>,
+    pub(super) ground: Option<Ground>,
 }
 
 impl Model {
@@ -213,25 +225,38 @@ impl Model {
             let JointSpec { kind, centre, frame, angle, slide, cone, .. } = *joint;
             links.push(Link { kind, a, b, centre, frame, angle, slide, cone });
         }
-        // Groups that a joint connects part along their border.
-        let parted: Vec<[u32; 2]> = joints
-            .iter()
-            .zip(&sides)
-            .filter(|(joint, _)| matches!((joint.a, joint.b), (Side::Group(_), Side::Group(_))))
-            .map(|(_, &(a, b))| sorted([variables[a], variables[b]]))
-            .collect();
+        // Groups that hang together by joints come apart along their borders, as two ears on one head do from it and from each other.
+        let mut hanging = Sets((0..groups.len()).collect());
+        for joint in joints {
+            if let (Side::Group(a), Side::Group(b)) = (joint.a, joint.b) {
+                hanging.join(a, b);
+            }
+        }
+        let mut hangs: Vec<Option<usize>> = vec![None; count as usize];
+        let roots: Vec<usize> = (0..groups.len()).map(|g| hanging.root(g)).collect();
+        for (g, cells) in members.iter().enumerate() {
+            if roots.iter().filter(|root| **root == roots[g]).count() > 1 {
+                hangs[variables[cells[0]] as usize] = Some(roots[g]);
+            }
+        }
+        let come_apart = |a: u32, b: u32| hangs[a as usize].is_some() && hangs[a as usize] == hangs[b as usize];
         let mut strains = Vec::new();
         for (p, own) in cells.iter().enumerate() {
             let Body::Soft { stiffness, .. } = parts[p].body else { continue };
             for pair in &own.neighbours {
                 let [a, b] = pair.map(|c| variables[first[p] + c as usize]);
-                if a != b && !parted.contains(&sorted([a, b])) {
+                if a != b && !come_apart(a, b) {
                     let corners = pair.map(|c| own.corners[c as usize]);
                     strains.push(Strain::new(a as usize, b as usize, stiffness, &corners));
                 }
             }
         }
-        Ok(Self { parts, cells, first, variables, origins, links, strains })
+        Ok(Self { parts, cells, first, variables, origins, links, strains, ground: None })
+    }
+
+    /// The same over a ground.
+    pub fn over(self, ground: Ground) -> Self {
+        Self { ground: Some(ground), ..self }
     }
 
     /// Number of cells.
@@ -349,10 +374,6 @@ fn check(joint: &JointSpec) -> Result<()> {
         return fail("both sides are the same", "two parts");
     }
     Ok(())
-}
-
-fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
-    [a.min(b), a.max(b)]
 }
 
 /// Disjoint sets; the root of a set is its lowest member.

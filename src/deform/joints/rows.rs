@@ -108,6 +108,17 @@ pub(super) fn stay(system: &mut System, weight: f64, pose: &Pose, before: &Pose,
     }
 }
 
+/// A joint turns as it was turned in the frame before: a drag that a motion of the whole does not feel.
+pub(super) fn drag(system: &mut System, weight: f64, pose: &Pose, before: &Pose, link: &Link) {
+    let Link { a, b, .. } = *link;
+    let last = before.turns[a].transpose() * before.turns[b];
+    for axis in DVec3::AXES {
+        let arm = axis * (LEVER * UNIT);
+        let (p, q) = (pose.turns[b] * arm, pose.turns[a] * (last * arm));
+        system.add_turns(weight, p - q, &[(b, turned(p)), (a, turned(q) * -1.0)]);
+    }
+}
+
 /// A joint and the limits that are met.
 pub(super) fn joint(
     system: &mut System,
@@ -165,15 +176,38 @@ pub(super) fn joint(
     }
     let w = weights.limit;
     if let Some(angle) = limits.angle {
-        let (sin, cos) = angle.sin_cos();
-        for d in [y, z] {
-            same(system, w, d, d * cos + x.cross(d) * sin);
-        }
+        // Twice, as the turn of two directions.
+        turn(system, 2.0 * w, link, pose.turns[a] * x, at.angle - angle);
     }
     if let Some(slide) = limits.slide {
         along(system, w, x, slide);
     }
     if let Some(cone) = limits.cone {
-        same(system, w, x, at.swung(x, cone));
+        turn(system, w, link, at.swings(pose.turns[a], x), at.swing - cone);
     }
+}
+
+/// A point that is carried by variables, on a plane.
+pub(super) fn on_plane(
+    system: &mut System,
+    weight: f64,
+    pose: &Pose,
+    hold: &Hold,
+    up: DVec3,
+    height: f64,
+    parts: &mut Vec<Part<DVec3>>,
+) {
+    parts.clear();
+    parts.extend(hold.iter().map(|&(variable, share, arm)| Part {
+        variable,
+        turn: (pose.turns[variable] * arm).cross(up) * UNIT,
+        shift: up * (share * UNIT),
+    }));
+    system.add_scalar(weight, (pose.hold(hold).dot(up) - height) * UNIT, parts);
+}
+
+/// A turn of `b` against `a` about an axis.
+fn turn(system: &mut System, weight: f64, link: &Link, axis: DVec3, residual: f64) {
+    let part = |variable: usize, turn: DVec3| Part { variable, turn, shift: DVec3::ZERO };
+    system.add_scalar(weight, residual, &[part(link.b, axis), part(link.a, -axis)]);
 }

@@ -12,6 +12,9 @@ use glam::{DMat3, DQuat, DVec3};
 /// The largest turn of a variable in one step, radians: the step is shortened as a whole. Rows are linear in turns only nearby.
 const LARGEST_TURN: f64 = 1.0;
 
+/// How strongly a variable stays as it was turned, against how strongly a joint does.
+const WHOLE: f64 = 0.01;
+
 /// What is solved, and its buffers: a step allocates nothing.
 #[derive(Debug)]
 pub(super) struct Solver {
@@ -20,8 +23,11 @@ pub(super) struct Solver {
     pub(super) holds: Vec<Hold>,
     /// Hardness of each handle.
     pub(super) betas: Vec<f64>,
+    /// Points that do not go below the ground.
+    soles: Vec<Hold>,
     system: System,
     parts: Vec<Part<DMat3>>,
+    planes: Vec<Part<DVec3>>,
 }
 
 /// What is carried from step to step and from frame to frame.
@@ -32,6 +38,8 @@ pub(super) struct State {
     pub(super) angles: Vec<f64>,
     /// Limits that hold.
     pub(super) limits: Vec<Limits>,
+    /// Soles that are on the ground.
+    pub(super) grounded: Vec<bool>,
 }
 
 /// How a solve went.
@@ -46,11 +54,13 @@ pub(super) struct Solved {
 impl Solver {
     pub(super) fn new(model: Model, holds: Vec<Hold>, betas: Vec<f64>, weights: Weights) -> Result<Self, NotPositive> {
         let variables = |hold: &Hold| hold.iter().map(|h| h.0 as u32).collect::<Vec<u32>>();
-        let mut groups: Vec<Vec<u32>> = holds.iter().map(variables).collect();
+        let points = model.ground.iter().flat_map(|ground| &ground.points);
+        let soles: Vec<Hold> = points.map(|&(part, place)| Model::holds(&model.row(part, place))).collect();
+        let mut groups: Vec<Vec<u32>> = holds.iter().chain(&soles).map(variables).collect();
         groups.extend(model.links.iter().map(|l| vec![l.a as u32, l.b as u32]));
         groups.extend(model.strains.iter().map(|s| vec![s.a as u32, s.b as u32]));
         let system = System::new(model.variables(), &groups)?;
-        Ok(Self { model, weights, holds, betas, system, parts: Vec::new() })
+        Ok(Self { model, weights, holds, betas, soles, system, parts: Vec::new(), planes: Vec::new() })
     }
 
     /// The rest pose.
@@ -59,6 +69,7 @@ impl Solver {
             pose: Pose { turns: vec![DMat3::IDENTITY; self.model.variables()], places: self.model.origins.clone() },
             angles: vec![0.0; self.model.links.len()],
             limits: vec![Limits::default(); self.model.links.len()],
+            grounded: vec![false; self.soles.len()],
         }
     }
 
@@ -67,7 +78,7 @@ impl Solver {
         self.system.entries()
     }
 
-    /// At most `cap` steps, until none moves anything by more than `tolerance`. `stay` is how strongly turns stay near those of `before`.
+    /// At most `cap` steps, until none moves anything by more than `tolerance`. `stay` is how strongly joints stay turned as in `before`.
     ///
     /// # Errors
     /// A pose that is not finite any more.
@@ -83,14 +94,14 @@ impl Solver {
         tolerance: f64,
     ) -> Result<Solved, NotPositive> {
         let mut solved = Solved::default();
-        state.limits.fill(Limits::default());
         while solved.steps < cap {
             self.assemble(state, targets, presence, before, stay);
             solved.energy = self.system.energy;
             self.system.solve()?;
+            let settled = self.release(state);
             solved.moved = self.step(&mut state.pose);
             solved.steps += 1;
-            if solved.moved < tolerance {
+            if solved.moved < tolerance && settled {
                 break;
             }
         }
@@ -107,7 +118,7 @@ impl Solver {
     }
 
     fn assemble(&mut self, state: &mut State, targets: &[DVec3], presence: &[f64], before: &Pose, stay: f64) {
-        let Self { model, weights, holds, betas, system, parts } = self;
+        let Self { model, weights, holds, betas, soles, system, parts, planes } = self;
         system.clear();
         let pose = &state.pose;
         for strain in &model.strains {
@@ -121,14 +132,55 @@ impl Solver {
         for (k, link) in model.links.iter().enumerate() {
             let at = Coordinates::of(link, model, pose, state.angles[k]);
             state.angles[k] = at.angle;
-            state.limits[k] = Limits::of(link, &at, &state.limits[k]);
+            state.limits[k].meet(link, &at);
             rows::joint(system, weights, pose, model, link, &at, &state.limits[k]);
         }
-        if stay > 0.0 {
-            for variable in 0..model.variables() {
-                rows::stay(system, weights.position * stay, pose, before, variable);
+        if let Some(ground) = &model.ground {
+            for (sole, grounded) in soles.iter().zip(&mut state.grounded) {
+                *grounded |= pose.hold(sole).dot(ground.up) < ground.height;
+                if *grounded {
+                    rows::on_plane(system, weights.limit, pose, sole, ground.up, ground.height, planes);
+                }
             }
         }
+        if stay > 0.0 {
+            for link in &model.links {
+                rows::drag(system, weights.position * stay, pose, before, link);
+            }
+            for variable in 0..model.variables() {
+                rows::stay(system, weights.position * stay * WHOLE, pose, before, variable);
+            }
+        }
+    }
+
+    /// Lets go of the limits and of the ground where these would have to pull; whether that is nowhere.
+    fn release(&self, state: &mut State) -> bool {
+        let mut settled = true;
+        for ((link, limits), &angle) in self.model.links.iter().zip(&mut state.limits).zip(&state.angles) {
+            if limits.hold() {
+                let at = Coordinates::of(link, &self.model, &state.pose, angle);
+                let ahead = at.ahead(link, &self.model, &state.pose, |v| self.system.step(v));
+                settled &= !limits.release(link, ahead);
+            }
+        }
+        if let Some(ground) = &self.model.ground {
+            for (sole, grounded) in self.soles.iter().zip(&mut state.grounded).filter(|g| *g.1) {
+                let moves = sole.iter().map(|&(v, share, arm)| {
+                    let (turn, shift) = self.system.step(v);
+                    shift * share + turn.cross(state.pose.turns[v] * arm)
+                });
+                *grounded = (state.pose.hold(sole) + moves.sum::<DVec3>()).dot(ground.up) < ground.height;
+                settled &= *grounded;
+            }
+        }
+        settled
+    }
+
+    /// How far the deepest sole is below the ground.
+    pub(super) fn depth(&self, pose: &Pose) -> Option<(f64, DVec3)> {
+        let ground = self.model.ground.as_ref()?;
+        let depth = self.soles.iter().map(|sole| ground.height - pose.hold(sole).dot(ground.up)).fold(0.0, f64::max);
+        Some((depth, ground.up))
     }
 
     /// Applies the step; returns how far it moved anything.

@@ -13,6 +13,8 @@ const BENDS: [f64; 3] = [0.3, 0.5, 0.7];
 /// Steps from rest to the targets, and Gauss–Newton steps in each.
 const WAY: u32 = 20;
 const STEPS: u32 = 5;
+/// How strongly turns stay near those of the step before, at most: this way takes no time.
+const STAY: f64 = 0.3;
 /// Steps at the end.
 const LAST: u32 = 60;
 /// Energy per handle, in squared tenths of the diagonal times the weight, below which a start is as good as it gets.
@@ -100,6 +102,7 @@ fn by_steps(
     bend: f64,
     tolerance: f64,
 ) -> Result<(State, Solved), NotPositive> {
+    let stay = stay.min(STAY);
     let mut state = solver.rest();
     // Rows of directions are no places.
     let is_place = |k: usize| (solver.holds[k].iter().map(|h| h.1).sum::<f64>() - 1.0).abs() < 1e-9;

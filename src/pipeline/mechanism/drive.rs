@@ -1,8 +1,9 @@
 //! A capture on a thing made of parts: what of it drives which part, and where that has to be in every frame.
 //!
-//! Joints of a person are rebuilt bone by bone: directions are the actor's, lengths the machine's own, the way of the pelvis is scaled by the legs. A foot
-//! that rests stays where it came down.
+//! Joints of a person are rebuilt bone by bone: directions are the actor's, lengths the machine's own, the way of the pelvis is scaled by the legs. Feet
+//! stand on the ground.
 
+use super::feet::{Foot, tilted};
 use super::machine::Machine;
 use super::robot::{Robot, Spot};
 use crate::binding::person::{Joints, Person};
@@ -12,12 +13,6 @@ use glam::{DMat3, DQuat, DVec3};
 
 /// Arms of the handles that turn a part, in the unit box.
 const ARM: f64 = 0.05;
-/// A foot rests that is nearer to its lowest than this, in lengths of a leg, and slower than this, in lengths a second.
-const NEAR: f64 = 0.08;
-const SLOW: f64 = 0.4;
-/// Seconds in which a foot that lifts off goes back to its own way.
-const RELEASE: f64 = 0.1;
-
 /// What drives a part.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Drive {
@@ -61,9 +56,9 @@ pub fn drives(person: &Person, robot: &Robot, names: &dyn Fn(usize) -> String) -
         let [at_hip, at_knee, at_ankle] = robot.legs[side];
         let hip = add(hip, at_hip, root, 1.0, false);
         let knee = add(knee, at_knee, hip, 1.0, false);
-        let ankle = add(ankle, at_ankle, knee, 4.0, false);
+        let ankle = add(ankle, at_ankle, knee, 16.0, false);
         if let Some(toe) = person.toes[side] {
-            add(toe, robot.toes[side], ankle, 1.0, false);
+            add(toe, robot.toes[side], ankle, 8.0, false);
         }
     }
     let neck = person.neck.zip(robot.neck).map(|(joint, spot)| add(joint, spot, root, 1.0, false));
@@ -126,30 +121,17 @@ pub struct Puppeteer<'a> {
     bones: Vec<f64>,
     /// Where the roots are in the first frame, flat, and their height over the floor there.
     start: Option<DVec3>,
-    /// Height of the capture's floor, along its own up, and what the machine stands higher than the scaled actor.
+    /// Height of the actor's ankles when they stand, in the unit box, and that of the machine's.
     level: f64,
     lift: f64,
-    /// Ankle and toe of each foot, the lowest that each comes, and how it rests.
     feet: Vec<Foot>,
+    /// Whether feet that rest are held.
+    plant: bool,
     rate: f64,
     /// Length of a leg on the machine.
     leg: f64,
     targets: Vec<DVec3>,
     own: Vec<DVec3>,
-}
-
-/// A foot.
-#[derive(Clone, Debug)]
-struct Foot {
-    ankle: usize,
-    toe: Option<usize>,
-    /// Heights of ankle and toe in the capture when they rest.
-    rest: [f64; 2],
-    last: [Option<DVec3>; 2],
-    /// Where ankle and toe are held.
-    held: [Option<DVec3>; 2],
-    /// How much of the hold is left after lifting off, and by how much the target was moved then.
-    fading: [(f64, DVec3); 2],
 }
 
 impl<'a> Puppeteer<'a> {
@@ -165,29 +147,10 @@ impl<'a> Puppeteer<'a> {
     ) -> Self {
         let place = |d: usize| drives[d].spot.1;
         let bones = drives.iter().map(|d| d.parent.map_or(0.0, |p| d.spot.1.distance(place(p)))).collect();
-        let capture_up = stand.axes.inverse() * stand.up;
-        let quantile = |joint: usize, share: f64| {
-            let step = frames.div_ceil(2000).max(1);
-            let mut heights: Vec<f64> =
-                (0..frames).step_by(step).filter_map(|f| Some(joints.place(Some(f), joint)?.dot(capture_up))).collect();
-            heights.sort_by(f64::total_cmp);
-            heights.get((heights.len() as f64 * share) as usize).copied()
-        };
-        let drive_of = |joint: usize| drives.iter().position(|d| d.joint == joint && !d.turns);
-        let mut feet = Vec::new();
-        for side in 0..2 {
-            let ankle = person.legs[side][2];
-            let Some(at) = drive_of(ankle) else { continue };
-            let toe = person.toes[side].and_then(drive_of);
-            let low = |joint: usize| quantile(joint, 0.05).unwrap_or(0.0);
-            let rest = [low(ankle), person.toes[side].map_or(0.0, low)];
-            feet.push(Foot { ankle: at, toe, rest, last: [None; 2], held: [None; 2], fading: [(0.0, DVec3::ZERO); 2] });
-        }
-        // The ankles of both come to the height at which the machine has them at rest.
-        let level = feet.iter().map(|f| f.rest[0]).fold(f64::INFINITY, f64::min);
-        let level = if level.is_finite() { level } else { 0.0 };
-        let ankles = feet.iter().map(|f| place(f.ankle).dot(stand.up)).fold(f64::INFINITY, f64::min);
-        let lift = if ankles.is_finite() { ankles } else { stand.floor };
+        let feet = Foot::all(&joints, drives, &stand, person, frames);
+        // The lower ankle comes to the height at which the machine has it at rest.
+        let levels = feet.iter().map(Foot::levels).reduce(|a, b| (a.0.min(b.0), a.1.min(b.1)));
+        let (level, lift) = levels.unwrap_or((0.0, stand.floor));
         let count = drives.len();
         Self {
             joints,
@@ -197,7 +160,8 @@ impl<'a> Puppeteer<'a> {
             start: None,
             level,
             lift,
-            feet: if plant { feet } else { Vec::new() },
+            feet,
+            plant,
             rate,
             leg: person.leg * stand.scale,
             targets: vec![DVec3::NAN; count],
@@ -217,14 +181,19 @@ impl<'a> Puppeteer<'a> {
             }
             self.targets[k] = match drive.parent {
                 Some(parent) => {
-                    let bone = self.own[k] - self.own[parent];
+                    let mut bone = self.own[k] - self.own[parent];
+                    if let (Some(steeper), Some(above)) =
+                        (self.feet.iter().find_map(|f| f.steeper(k)), self.drives[parent].parent)
+                    {
+                        bone = tilted(bone, self.own[parent] - self.own[above], steeper);
+                    }
                     // Normalizing to zero would hide that a joint is missing.
                     let direction = if bone.is_finite() { bone.normalize_or_zero() } else { DVec3::NAN };
                     self.targets[parent] + direction * self.bones[k]
                 }
                 None => {
                     let at = self.own[k] * scale;
-                    let height = at.dot(up) - self.level * scale + self.lift;
+                    let height = at.dot(up) - self.level + self.lift;
                     let flat = at - up * at.dot(up);
                     if self.start.is_none() && flat.is_finite() {
                         let home = drive.spot.1;
@@ -234,7 +203,11 @@ impl<'a> Puppeteer<'a> {
                 }
             };
         }
-        self.plant();
+        if self.plant {
+            for foot in &mut self.feet {
+                foot.place(&self.own, &mut self.targets, &self.stand, self.leg, self.rate);
+            }
+        }
         out.clear();
         for (k, drive) in self.drives.iter().enumerate() {
             if drive.turns {
@@ -242,49 +215,6 @@ impl<'a> Puppeteer<'a> {
                 out.extend(DVec3::AXES.map(|e| turn.map_or(DVec3::NAN, |q| q * e * ARM)));
             } else {
                 out.push(self.targets[k]);
-            }
-        }
-    }
-
-    /// Holds feet that rest, and keeps all above the floor.
-    fn plant(&mut self) {
-        let Stand { scale, up, .. } = self.stand;
-        let fade = 1.0 / (RELEASE * self.rate).max(1.0);
-        let leg = self.leg;
-        for foot in &mut self.feet {
-            let points = [Some(foot.ankle), foot.toe];
-            for (which, k) in points.into_iter().enumerate() {
-                let Some(k) = k else { continue };
-                let here = self.own[k] * scale;
-                let speed = foot.last[which].map_or(f64::INFINITY, |last| here.distance(last) * self.rate);
-                foot.last[which] = here.is_finite().then_some(here);
-                let height = here.dot(up) - foot.rest[which] * scale;
-                let rests = height < NEAR * leg && speed < SLOW * leg && here.is_finite();
-                let home = self.drives[k].spot.1.dot(up);
-                let target = &mut self.targets[k];
-                if !target.is_finite() {
-                    // What is not a number would stay in the hold for ever.
-                    foot.held[which] = None;
-                    foot.fading[which] = (0.0, DVec3::ZERO);
-                    continue;
-                }
-                if rests {
-                    let held = *foot.held[which].get_or_insert_with(|| {
-                        let start = *target + foot.fading[which].1 * foot.fading[which].0;
-                        start - up * (start.dot(up) - home)
-                    });
-                    foot.fading[which] = (1.0, held - *target);
-                    *target = held;
-                } else {
-                    foot.held[which] = None;
-                    let (left, by) = &mut foot.fading[which];
-                    *left = (*left - fade).max(0.0);
-                    *target += *by * *left;
-                    let below = home - target.dot(up);
-                    if below > 0.0 {
-                        *target += up * below;
-                    }
-                }
             }
         }
     }
