@@ -372,6 +372,43 @@ mod tests {
     }
 
     #[test]
+    fn the_member_that_is_dropped_is_the_one_that_costs_least() {
+        let mut negative = 0;
+        for seed in 0..200 {
+            // What all have in common, in different amounts, drives weights below 0.
+            let mut e = errors(seed, 9);
+            for (a, row) in e.iter_mut().enumerate() {
+                row.iter_mut()
+                    .enumerate()
+                    .for_each(|(i, x)| *x += 0.02 * (seed % 10) as f64 * (1.0 + 0.1 * a as f64) * (i as f64).sin());
+            }
+            let g = gram(&e);
+            let all = g.on_simplex(&[0, 1, 2, 3, 4, 5, 6, 7, 8]);
+            let tried = |drop: usize| {
+                let (set, len) = without(&all, drop);
+                g.on_simplex(&set[..len])
+            };
+            let exact = (0..all.count).map(|d| tried(d).cost).fold(f64::INFINITY, f64::min);
+            let found = g.without_least(&all);
+            assert!((found.cost / exact - 1.0).abs() < 1e-6, "seed {seed}: {} {exact}", found.cost);
+            assert!((found.weights.iter().sum::<f64>() - 1.0).abs() < 1e-9);
+            negative += (0..all.count).filter(|&d| tried(d).count + 1 < all.count).count();
+        }
+        assert!(negative > 0, "no removal drove another weight out");
+    }
+
+    #[test]
+    fn products_that_rounding_made_indefinite_still_give_weights() {
+        // Three errors that are one and the same but for rounding, the last pair of products too large.
+        let products = [1.0, 1.0, 1.0, 1.0, 1.000_001, 1.0];
+        let best = Gram::new(3, &products).choose(true);
+        assert!(best.count >= 1 && best.cost.is_finite());
+        assert!((best.weights.iter().sum::<f64>() - 1.0).abs() < 1e-9 && best.weights.iter().all(|w| *w >= 0.0));
+        let nothing = Gram::new(2, &[0.0; 3]).choose(false);
+        assert!((nothing.weights.iter().sum::<f64>() - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
     fn at_most_four_and_swaps_never_cost() {
         for seed in 0..100 {
             let g = gram(&errors(seed, 10));

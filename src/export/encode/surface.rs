@@ -289,6 +289,17 @@ mod tests {
     use super::*;
 
     #[test]
+    fn the_joints_with_the_largest_weights_are_kept_in_order() {
+        let mut found = Candidates::default();
+        let weights = [0.05, 0.3, 1e-7, 0.3, 0.01, 0.2, 0.1, 0.06, 0.02];
+        weights.iter().enumerate().for_each(|(k, &w)| found.add(k as u16, w));
+        assert_eq!(found.joints().collect::<Vec<_>>(), [1, 3, 5, 6, 7, 0]);
+        let mut one = Candidates::default();
+        one.add(9, 1.0);
+        assert_eq!(one.joints().collect::<Vec<_>>(), [9]);
+    }
+
+    #[test]
     fn the_worst_come_first_and_ties_keep_their_order() {
         let errors = [1.0, 4.0, 9.0, 4.0, 0.1].map(|worst_square| VertexError { worst_square, ..VertexError::default() });
         assert_eq!(worst_vertices(&errors, 1.0, 3), [2, 1, 3]);
