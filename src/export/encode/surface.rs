@@ -296,6 +296,7 @@ mod tests {
         assert_eq!(found.joints().collect::<Vec<_>>(), [1, 3, 5, 6, 7, 0]);
         let mut one = Candidates::default();
         one.add(9, 1.0);
+        one.add(3, 1e-7);
         assert_eq!(one.joints().collect::<Vec<_>>(), [9]);
     }
 
