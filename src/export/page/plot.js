@@ -130,7 +130,8 @@ class Plot {
   weights(g, frame) {
     g.font = this.font;
     let x = 4;
-    for (const [example, name] of run.examples.entries()) {
+    for (const [example, file] of run.examples.entries()) {
+      const name = file.replace(/\.(obj|ply|off|stl|gltf|glb)(\.gz|\.zip)?$/i, "");
       const text = `${name} ${run.weights[example][frame].toFixed(2)}`;
       // The same room for every weight, so that names stand still.
       const room = g.measureText(`${name} −0.00`).width + 14;
