@@ -188,9 +188,9 @@ for_each_instruction_set! {
                 let whole = frames / SUMS * SUMS;
                 for f in (0..whole).step_by(SUMS) {
                     let at = |row: &[f32], k: usize| row[f..f + SUMS][k];
-                    for k in 0..SUMS {
+                    for (k, sum) in sums.iter_mut().enumerate() {
                         let miss = at(a, k) * p[0] + at(b, k) * p[1] + at(c, k) * p[2] + (at(t, k) - at(q, k));
-                        sums[k] += miss * miss;
+                        *sum += miss * miss;
                     }
                 }
                 for f in whole..frames {
@@ -213,8 +213,8 @@ for_each_instruction_set! {
                 let (y, y_tail) = rows[b * width..(b + 1) * width].as_chunks::<SUMS>();
                 let mut sums = [0f32; SUMS];
                 for (x, y) in x.iter().zip(y) {
-                    for k in 0..SUMS {
-                        sums[k] += x[k] * y[k];
+                    for (sum, (x, y)) in sums.iter_mut().zip(x.iter().zip(y)) {
+                        *sum += x * y;
                     }
                 }
                 let tail: f32 = x_tail.iter().zip(y_tail).map(|(x, y)| x * y).sum();

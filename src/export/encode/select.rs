@@ -51,12 +51,9 @@ impl Gram {
     pub fn new(size: usize, products: &[f32]) -> Self {
         assert!((1..=CANDIDATES).contains(&size));
         let mut g = [[0.0; CANDIDATES]; CANDIDATES];
-        let mut products = products.iter();
-        for a in 0..size {
-            for (b, &product) in (0..=a).zip(&mut products) {
-                g[a][b] = product.into();
-                g[b][a] = g[a][b];
-            }
+        let pairs = (0..size).flat_map(|a| (0..=a).map(move |b| (a, b)));
+        for ((a, b), &product) in pairs.zip(products) {
+            (g[a][b], g[b][a]) = (product.into(), product.into());
         }
         // Keeps nearly equal candidates apart and prefers small weights among them.
         let least = (0..size).map(|a| g[a][a]).fold(f64::INFINITY, f64::min);

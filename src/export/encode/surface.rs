@@ -224,9 +224,9 @@ for_each_instruction_set! {
                 }
                 for b in 0..=a {
                     let mut sums = [0f32; BATCH];
-                    for axis in 0..3 {
+                    for (x, y) in misses[a].iter().zip(&misses[b]) {
                         for lane in 0..BATCH {
-                            sums[lane] += misses[a][axis][lane] * misses[b][axis][lane];
+                            sums[lane] += x[lane] * y[lane];
                         }
                     }
                     products[pair] += sums.iter().sum::<f32>();

@@ -15,9 +15,9 @@ fn run(header: &Arc<Header>, mut sink: Box<dyn FrameSink>) -> Written {
     let rest = [header.proxy.rest[0], header.proxy.rest[100]];
     sink.begin(header).unwrap();
     for frame in 0..FRAMES {
-        let holds = vec![vec![hold(header, frame, 0), hold(header, frame, 1)]];
+        let holds = [vec![hold(header, frame, 0), hold(header, frame, 1)]];
         let lifted = |p: &DVec3| if frame == 3 { DVec3::NAN } else { *p + DVec3::Y * 0.1 };
-        let targets = vec![holds[0].iter().map(lifted).collect()];
+        let targets = [holds[0].iter().map(lifted).collect()];
         let residual = Residual { median: 1.0, max: frame as f64, worst: (frame != 3).then_some(1) };
         let mut measure = FrameMeasure { frame: 50 + frame as i64, residual, ..FrameMeasure::default() };
         measure.stats.volume_ratio = 1.0 + 0.01 * frame as f64;
