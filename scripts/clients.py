@@ -2,9 +2,11 @@
 
     clients.py FOLDER [FRAMES]
 
-FOLDER holds a.glb, m.glb (morph targets), c.glb (a skin with corrective ones), a.pc2, a.mdd, a.usdc, a.usda, a.usdz, a.abc and f_####.obj of one take (see clients.sh); bpy and usd-core are installed. Prints a row per format
-and client: whether the file opens, the frames compared (first, last and between), the worst difference to the PC2 in the scan's unit, seconds to
-open and evaluate. Exits with 1 when a file does not open or a cache is not equal to the PC2.
+FOLDER holds a.glb, m.glb (morph targets), c.glb (a skin with corrective ones), a.pc2, a.mdd, a.usdc, a.usda, a.usdz, a.abc and f_####.obj of one take,
+p.glb and p.pc2 of rigid parts (see clients.sh); bpy and usd-core are installed. Prints a row per format and client: whether the file opens, the frames
+compared (first, last and between), the worst difference to the PC2 in the scan's unit, for GLB how far a vertex is half a frame after these from the mean of
+its neighbours in time, in percent of the diagonal, and seconds to open and evaluate. Exits with 1 when a file does not open, a cache is not equal to
+the PC2, or a vertex is farther off than 1 % half a frame between keys.
 """
 import glob
 import os
@@ -26,13 +28,14 @@ def read_pc2(path):
 
 
 class Run:
-    """What all files of the folder tell alike."""
+    """What all files of one take tell alike."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, cache, rate):
         self.folder = os.path.abspath(folder)
-        self.first, self.points = read_pc2(self.path("a.pc2"))
+        self.first, self.points = read_pc2(self.path(cache))
         self.last = self.first + len(self.points) - 1
-        self.rate = Usd.Stage.Open(self.path("a.usda")).GetTimeCodesPerSecond()
+        self.rate = rate
+        self.diagonal = float(np.linalg.norm(np.ptp(self.points[0], axis=0)))
 
     def path(self, name):
         return os.path.join(self.folder, name)
@@ -117,7 +120,7 @@ def glb(run, name):
     pairs = np.array([tree.find(point)[1] for point in start])
 
     def at(frame):
-        points = np.array(run.points[frame - run.first])
+        points = np.array(run.points[int(frame) - run.first])
         points[pairs] = evaluated_in_world(frame - run.first)
         return points
 
@@ -125,7 +128,7 @@ def glb(run, name):
 
 
 def evaluated_in_world(frame):
-    bpy.context.scene.frame_set(frame)
+    bpy.context.scene.frame_set(int(frame), subframe=frame - int(frame))
     graph = bpy.context.evaluated_depsgraph_get()
     out = []
     for item in bpy.context.scene.objects:
@@ -157,36 +160,47 @@ CLIENTS = [
     (".glb skin", BLENDER, "a.glb", glb, False),
     (".glb both", BLENDER, "c.glb", glb, False),
     (".glb morph", BLENDER, "m.glb", glb, False),
+    (".glb parts", BLENDER, "p.glb", glb, False),
 ]
 
+# How far a vertex may be from the mean of two frames in the middle between them, as a share of the diagonal.
+BETWEEN = 0.01
 
-def compare(run, frames, name, open_it):
+
+def compare(run, frames, name, open_it, exact):
+    """Worst differences at some frames and, where motion is interpolated, half a frame after them."""
     at = open_it(run, name)
-    worst = 0.0
+    worst, between = 0.0, 0.0
     for k in frames:
         points = at(run.first + k)
         assert points.shape == run.points[k].shape, f"{len(points)} vertices"
         worst = max(worst, float(np.abs(points.astype(np.float64) - run.points[k]).max()))
-    return worst
+        if not exact and k + 1 < len(run.points):
+            mean = run.points[k : k + 2].astype(np.float64).mean(axis=0)
+            between = max(between, float(np.linalg.norm(at(run.first + k + 0.5) - mean, axis=1).max()))
+    return worst, between / run.diagonal
 
 
 def main(folder, count):
-    run = Run(folder)
-    frames = sorted({round(k) for k in np.linspace(0, len(run.points) - 1, count)})
+    whole = Run(folder, "a.pc2", Usd.Stage.Open(os.path.join(folder, "a.usda")).GetTimeCodesPerSecond())
+    parts = Run(folder, "p.pc2", 30.0)
     rows, failed = [], False
     for ending, client, name, open_it, exact in CLIENTS:
+        run = parts if name == "p.glb" else whole
+        frames = sorted({round(k) for k in np.linspace(0, len(run.points) - 1, count)})
         start = time.time()
         # A client that fails is a row, not the end of the table.
         try:
-            worst = compare(run, frames, name, open_it)
-            opens, shown = "yes", f"{worst:.3g}"
-            failed |= exact and worst != 0.0
+            worst, between = compare(run, frames, name, open_it, exact)
+            opens, shown, half = "yes", f"{worst:.3g}", "" if exact else f"{100 * between:.3f} %"
+            failed |= exact and worst != 0.0 or between > BETWEEN
         except Exception as reason:
-            opens, shown, failed = "no", str(reason), True
-        rows.append((ending, client, opens, len(frames), shown, f"{time.time() - start:.2f}"))
-    print("{:10} {:15} {:5} {:>6} {:>17} {:>8}".format("format", "client", "opens", "frames", "worst difference", "seconds"))
+            opens, shown, half, failed = "no", str(reason), "", True
+        rows.append((ending, client, opens, len(frames), shown, half, f"{time.time() - start:.2f}"))
+    layout = "{:10} {:15} {:5} {:>6} {:>17} {:>13} {:>8}"
+    print(layout.format("format", "client", "opens", "frames", "worst difference", "between keys", "seconds"))
     for row in rows:
-        print("{:10} {:15} {:5} {:>6} {:>17} {:>8}".format(*row))
+        print(layout.format(*row))
     return failed
 
 

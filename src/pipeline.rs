@@ -46,6 +46,8 @@ pub struct Job<'a> {
     pub oriented: &'a [OrientedHandle],
     /// The bound deformer.
     pub deformer: Box<dyn Deformer>,
+    /// Names of the examples that the deformer has weights of.
+    pub examples: &'a [String],
     /// Where frames go.
     pub sinks: Vec<Box<dyn FrameSink>>,
     /// The report, if asked for.
@@ -209,6 +211,7 @@ pub fn run(mut job: Job<'_>, progress: &(dyn Fn(Progress) + Sync)) -> Result<Out
             let points = job.handles.iter().map(|h| h.row.apply(&job.header.proxy.rest));
             points.chain(job.oriented.iter().map(|h| h.rest)).collect()
         },
+        examples: job.examples.to_vec(),
         metres: job.metres,
         map_ms: 0.0,
         write_ms: 0.0,
@@ -504,6 +507,8 @@ struct Writer {
     names: Vec<String>,
     /// Where the handles hold the body at rest.
     rest: Vec<DVec3>,
+    /// Names of the examples.
+    examples: Vec<String>,
     metres: Option<f64>,
     map_ms: f64,
     write_ms: f64,
@@ -522,6 +527,8 @@ impl Writer {
         let measures = Measures {
             frames: &batch.measures,
             names: &self.names,
+            examples: &self.examples,
+            weights: &batch.weights[..frames],
             rest: &self.rest,
             holds: &batch.holds[..frames],
             targets: &batch.targets[..frames],

@@ -85,6 +85,7 @@ impl Setup {
             handles: &self.handles,
             oriented: &self.oriented,
             deformer: self.deformer,
+            examples: &self.examples.names,
             sinks,
             report,
             metres,

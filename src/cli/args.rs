@@ -505,7 +505,7 @@ fn parse_finite(text: &str) -> Result<f64, String> {
     text.parse::<f64>().ok().filter(|x| x.is_finite()).ok_or_else(|| "expected a number".into())
 }
 
-fn parse_percent(text: &str) -> Result<f64, String> {
+pub(super) fn parse_percent(text: &str) -> Result<f64, String> {
     parse_positive(text).ok().filter(|p| *p <= 100.0).ok_or_else(|| "expected a percentage above 0, at most 100".into())
 }
 

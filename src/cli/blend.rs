@@ -1,11 +1,12 @@
 //! `retarget blend`: poses between and beyond examples, for weights that are given.
 
+use super::args::{EncodeArg, parse_percent};
 use super::console::Console;
 use super::outputs;
 use super::shells::{self, ExampleScale, Examples, MaterialArgs};
 use crate::deform::shells::{Body, Interpolator, too_far};
 use crate::error::{Error, Kind, Notes, Result};
-use crate::export::{Cancel, FrameBatch, FrameSink, Header, glb};
+use crate::export::{Cancel, FrameBatch, FrameSink, Header};
 use crate::scan::{self, Scan, UnitBox};
 use crate::surface::{Fans, NormalVertices, SurfaceMap};
 use crate::words;
@@ -35,9 +36,16 @@ pub struct Blend {
     #[arg(long, value_name = "FILE.csv", conflicts_with = "at")]
     pub weights: Option<PathBuf>,
     /// What to write; the extension is the format: .ply or .obj (a run of # for the frame number where there are several frames), .glb, .abc, .usdc,
-    /// .usda, .pc2, .mdd, .html, .png, .apng (repeatable)
+    /// .usda, .usdz, .pc2, .mdd, .html, .png, .apng (repeatable)
     #[arg(short, long = "out", value_name = "FILE", required = true)]
     pub out: Vec<PathBuf>,
+    /// How far a .glb or .html may be from the poses at the worst vertex of the worst frame, in percent of the mesh's diagonal (default 0.25), and a fifth
+    /// of it root mean square
+    #[arg(long, value_name = "PCT", value_parser = parse_percent)]
+    pub tolerance: Option<f64>,
+    /// By what a .glb or .html holds the motion
+    #[arg(long, value_enum, default_value_t = EncodeArg::Auto)]
+    pub encode: EncodeArg,
     /// Replace outputs that exist
     #[arg(long)]
     pub force: bool,
@@ -75,7 +83,8 @@ pub(super) fn run(args: &Blend, console: &Console) -> Result<()> {
     // Fails only if a handler is set already, which is as good.
     let _ = ctrlc::set_handler(move || on_interrupt.cancel());
     let inputs: Vec<&PathBuf> = std::iter::once(&args.rest).chain(&args.examples).chain(&args.weights).collect();
-    let sinks = outputs::checked(&args.out, &[], &inputs, args.force, true, &glb::Recording::new(glb::Options::default()))?;
+    let recording = outputs::recording(args.tolerance, args.encode, false);
+    let sinks = outputs::checked(&args.out, &[], &inputs, args.force, true, &recording)?;
     let frames = frames(args)?;
     check_reach(&frames)?;
     let several = args.out.iter().find(|p| frames.len() > 1 && is_one_frame(p));

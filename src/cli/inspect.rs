@@ -128,7 +128,12 @@ fn with_motion(found: Result<Found>, path: &Path, args: &Inspect) -> Result<Foun
     };
     found.lines.extend(motion.lines);
     found.value["capture"] = motion.value;
-    found.notes.extend(motion.notes);
+    // Both read the same file.
+    for text in motion.notes.iter() {
+        if !found.notes.iter().any(|other| other == text) {
+            found.notes.warn(text);
+        }
+    }
     Ok(found)
 }
 

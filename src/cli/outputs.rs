@@ -1,6 +1,6 @@
 //! From the paths after `-o` to sinks, and what is refused before any work begins.
 
-use super::args::Animate;
+use super::args::{Animate, EncodeArg};
 use crate::error::{Error, Kind, Result};
 use crate::export::{
     FrameSink, alembic::Alembic, encode::Tolerance, files, glb, obj::ObjFrames, page::PageSink, ply::PlyFrames,
@@ -20,12 +20,14 @@ pub(super) fn sinks(args: &Animate) -> Result<Vec<Box<dyn FrameSink>>> {
     let inputs: Vec<&PathBuf> =
         given.into_iter().flatten().chain(&args.handles).chain(&args.skeleton).chain(&args.shells.examples).collect();
     let others: Vec<&PathBuf> = args.report.iter().chain(&args.save_proxy).chain(&args.picture).chain(&args.save_rig).collect();
-    let recording = glb::Recording::new(glb::Options {
-        tolerance: args.tolerance.map_or_else(Tolerance::default, |percent| Tolerance::of_worst(percent / 100.0)),
-        encode: args.encode.into(),
-        source_index: args.source_index,
-    });
+    let recording = recording(args.tolerance, args.encode, args.source_index);
     checked(&args.out, &others, &inputs, args.force, false, &recording)
+}
+
+/// What GLB and page share. `percent`: `--tolerance`.
+pub(super) fn recording(percent: Option<f64>, encode: EncodeArg, source_index: bool) -> glb::Recording {
+    let tolerance = percent.map_or_else(Tolerance::default, |percent| Tolerance::of_worst(percent / 100.0));
+    glb::Recording::new(glb::Options { tolerance, encode: encode.into(), source_index })
 }
 
 /// The same for any outputs. `others`: files that are no animations; `single`: whether a file may hold one frame; `recording`: what GLB and page

@@ -91,6 +91,10 @@ pub struct Measures<'a> {
     pub frames: &'a [FrameMeasure],
     /// Names of the handles; those that turn come after the others.
     pub names: &'a [String],
+    /// Names of the examples, if there are any.
+    pub examples: &'a [String],
+    /// A weight for each of them, one array per frame.
+    pub weights: &'a [Vec<f64>],
     /// Where the handles hold the body at rest, in the unit box.
     pub rest: &'a [DVec3],
     /// Where they hold it, in the unit box, one array per frame.

@@ -71,6 +71,9 @@ struct Measured {
     median: Vec<f64>,
     worst: Vec<Option<usize>>,
     volume: Vec<f64>,
+    examples: Vec<String>,
+    /// Of each example in every frame.
+    weights: Vec<Vec<f64>>,
     /// 1: not solved to the tolerance; 2: folded; 4: without any handle.
     flags: Vec<u8>,
 }
@@ -161,6 +164,11 @@ impl Measured {
             self.names = measures.names.to_vec();
             self.rest = measures.rest.to_vec();
             self.metres = measures.metres;
+            self.examples = measures.examples.to_vec();
+            self.weights = vec![Vec::new(); self.examples.len()];
+        }
+        for weights in measures.weights {
+            self.weights.iter_mut().zip(weights).for_each(|(line, &w)| line.push(w));
         }
         let Some(spool) = &mut self.places else { return Ok(()) };
         for ((m, holds), targets) in measures.frames.iter().zip(measures.holds).zip(measures.targets) {
@@ -218,6 +226,8 @@ impl Measured {
             "median": numbers(&self.median),
             "worst": self.worst,
             "volume": numbers(&self.volume),
+            "examples": self.examples,
+            "weights": self.weights.iter().map(|line| numbers(line)).collect::<Vec<_>>(),
             "flags": self.flags,
         }))
     }

@@ -125,6 +125,14 @@ impl SurfaceMap {
             Kind::Paper(map) => map.row(vertex),
         }
     }
+
+    /// Which vertices of the proxy the rows of the given scan vertices may have coefficients for.
+    pub fn reads(&self, vertices: &[u32]) -> Vec<bool> {
+        match &self.kind {
+            Kind::Ring(map) => map.reads(vertices),
+            Kind::Paper(map) => map.reads(vertices),
+        }
+    }
 }
 
 /// Points in single precision, as the outputs want them; `out` is resized where needed, else nothing is allocated.

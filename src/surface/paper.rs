@@ -66,6 +66,14 @@ impl PaperMap {
         SparseRow { indices: range.clone().map(|k| self.indices.get(k) as u32).collect(), values: self.values[range].to_vec() }
     }
 
+    pub(super) fn reads(&self, vertices: &[u32]) -> Vec<bool> {
+        let mut reads = vec![false; self.proxy_vertices];
+        for &v in vertices {
+            (self.starts[v as usize]..self.starts[v as usize + 1]).for_each(|k| reads[self.indices.get(k)] = true);
+        }
+        reads
+    }
+
     /// `W` lanes for at most `W` frames.
     pub(super) fn apply<const W: usize>(&self, avx2: Option<Avx2>, poses: &[&[DVec3]], out: &mut [Vec<[f32; 3]>]) {
         self.poses.with(self.proxy_vertices * 3 * W, |packed| {

@@ -84,6 +84,19 @@ impl RingMap {
         sum.take()
     }
 
+    pub(super) fn reads(&self, vertices: &[u32]) -> Vec<bool> {
+        let mut faces = vec![false; self.boundary.len()];
+        for &v in vertices {
+            let range = self.pairs.starts[v as usize] as usize..self.pairs.starts[v as usize + 1] as usize;
+            range.for_each(|k| faces[self.pairs.faces.get(k)] = true);
+        }
+        let mut reads = vec![false; self.proxy_vertices];
+        for face in (0..faces.len()).filter(|&face| faces[face]) {
+            self.boundary[face].iter().chain(self.maps.ring(face).0).for_each(|&v| reads[v as usize] = true);
+        }
+        reads
+    }
+
     /// `W` lanes for at most `W` frames.
     pub(super) fn apply<const W: usize>(&self, avx2: Option<Avx2>, poses: &[&[DVec3]], out: &mut [Vec<[f32; 3]>]) {
         self.affine.with(self.maps.len() * 12 * W, |affine| {

@@ -76,6 +76,20 @@ fn rows_are_what_is_applied() {
 }
 
 #[test]
+fn what_rows_read_is_known_without_them() {
+    let proxy = shaken();
+    let points = scattered(&proxy, 600);
+    for kind in [MapKind::Ring, MapKind::Paper] {
+        let map = SurfaceMap::build(&proxy, &points, kind).unwrap();
+        let vertices = [3, 70, 71, 444];
+        let mut read = vec![false; proxy.rest.len()];
+        vertices.iter().for_each(|&v| map.row(v as usize).indices.iter().for_each(|&i| read[i as usize] = true));
+        assert_eq!(map.reads(&vertices), read, "{kind:?}");
+        assert!(read.iter().any(|r| !r), "so few rows do not read everything");
+    }
+}
+
+#[test]
 fn the_paper_map_has_the_rows_of_paper_handles() {
     let proxy = shaken();
     let points = scattered(&proxy, 300);

@@ -205,11 +205,14 @@ impl Gaps {
     }
 }
 
-/// One line per marker with gaps, and the names of the others.
+/// One line per marker with gaps, and the names of the others. Vertices of a surface are many, have no names and no gaps: their number is enough.
 fn gap_lines(capture: &Capture, gaps: &[Gaps], missing: f64, ascii: bool) -> Vec<String> {
     let take = capture.motion.points();
     let complete: Vec<&str> =
         take.labels.iter().zip(gaps).filter(|(_, g)| g.missing == 0).map(|(label, _)| label.as_str()).collect();
+    if matches!(capture.motion, Motion::Vertices(_)) && complete.len() == take.markers() {
+        return vec![line("complete", &format!("{} all, without a gap", complete.len()))];
+    }
     let mut lines = Vec::new();
     if complete.len() < take.markers() {
         let frames = take.frames().div_ceil(BAR.min(take.frames().max(1)));

@@ -16,12 +16,15 @@ use super::skin::Skin;
 use super::surface::read_by_map;
 use super::table::{Growing, Table};
 use super::{Encoded, Job, PointMap, Tolerance};
-use crate::error::Result;
+use crate::error::{Error, Kind, Result};
+use crate::words;
 use glam::DVec3;
 use rayon::prelude::*;
 
 /// Targets at most: the file grows by 12 bytes per vertex and target.
 const MOST_TARGETS: usize = 200;
+/// Bytes of all targets at most: the file's own counters end there.
+const MOST_BYTES: u64 = 1 << 32;
 /// Frames to learn from at first, more of them when some are missed, and how often that is done.
 const FIRST_FRAMES: usize = 96;
 const MORE_FRAMES: usize = 32;
@@ -36,7 +39,7 @@ type Modes = Vec<Vec<f64>>;
 
 /// Stores the motion as morph targets under a node that carries the motion of the whole.
 pub fn encode<M: PointMap>(job: &Job<'_, M>, motion: &Motion<'_>) -> Result<Encoded> {
-    let points = FitPoints::new(job.proxy_rest, read_by_map(job.map, job.vertices, job.proxy_rest.len()));
+    let points = FitPoints::new(job.proxy_rest, read_by_map(job.map, job.vertices));
     let at_rest: Vec<DVec3> = job.vertices.iter().map(|&v| job.rest[v as usize]).collect();
     let skin = Skin::new(motion, &no_joints(motion)?, &at_rest, &[], job.space, job.levels)?;
     let rest = job.rest_as_written();
@@ -45,6 +48,7 @@ pub fn encode<M: PointMap>(job: &Job<'_, M>, motion: &Motion<'_>) -> Result<Enco
     for aim in AIMS {
         let goal = Tolerance { worst: aim * job.tolerance.worst, rms: aim * job.tolerance.rms };
         let (modes, amounts) = learn(motion, &points, goal)?;
+        check_size(modes.len(), job.vertices.len())?;
         let morphs = carry(job, motion, &points, &modes, &amounts)?;
         let written = Written { skin: &skin, morphs: &morphs, rest: &rest, space: job.space };
         let errors = written.measure(job.map, job.vertices, job.spool, &all, job.cancel)?;
@@ -59,6 +63,18 @@ pub fn encode<M: PointMap>(job: &Job<'_, M>, motion: &Motion<'_>) -> Result<Enco
         }
     }
     Ok(best.expect("there is a first aim"))
+}
+
+/// Refuses targets that no file holds, before there are any.
+fn check_size(modes: usize, vertices: usize) -> Result<()> {
+    let bytes = (modes as u64 + 1) * vertices as u64 * 12;
+    if bytes <= MOST_BYTES {
+        return Ok(());
+    }
+    let found = format!("{} morph targets of {} take {}", modes + 1, words::plural(vertices, "vertex"), words::bytes(bytes));
+    Err(Error::new(Kind::Unsupported, found)
+        .expected(format!("at most {} in a GLB", words::bytes(MOST_BYTES)))
+        .hint("a larger --tolerance, --encode skin, or an exact format as -o FILE.usdc"))
 }
 
 /// Tracks of the root alone.
@@ -253,8 +269,18 @@ fn carry<M: PointMap>(
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn targets_that_no_file_holds_are_refused_before_they_are_made() {
+        assert!(check_size(100, 3_500_000).is_ok());
+        let error = check_size(100, 3_600_000).unwrap_err();
+        assert_eq!(error.kind, Kind::Unsupported);
+        let text = error.to_string();
+        assert!(text.contains("101 morph targets") && text.contains("--encode skin"), "{text}");
+    }
 
     #[test]
     fn components_are_orthonormal_and_as_many_as_there_are() {

@@ -7,6 +7,7 @@
 use super::measure::{BadFrame, Miss, VertexError, Written};
 use super::morphs::{Morphs, Target};
 use super::skin::Skin;
+use super::surface::worst_vertices;
 use super::{Job, PointMap};
 use crate::error::Result;
 use glam::{DMat3, DVec3};
@@ -15,6 +16,8 @@ use glam::{DMat3, DVec3};
 const MOST_TARGETS: usize = 64;
 /// Vertices of all bad frames together at most: what is held in memory.
 const MOST_MISSES: usize = 1 << 20;
+/// So few vertices are followed one by one to find the frames in which they are off.
+const FEW: usize = 2000;
 /// Passes over the whole motion at most.
 const PASSES: usize = 3;
 /// Shares of the tolerance: below the first nothing is corrected, from the second on all of it, and a frame within the third is good.
@@ -36,8 +39,15 @@ pub fn correct<M: PointMap>(job: &Job<'_, M>, skin: &Skin, mut errors: Vec<Verte
             break;
         }
         let written = Written { skin, morphs: &morphs, rest: &rest, space: job.space };
+        let suspects = worst_vertices(&errors, GOOD * tolerance, FEW + 1);
+        let frames = if morphs.targets.is_empty() && suspects.len() <= FEW {
+            let rows: Vec<_> = suspects.iter().map(|&i| (i, job.map.row(job.vertices[i] as usize))).collect();
+            written.frames_over(&rows, GOOD * tolerance, job.spool, job.cancel)?
+        } else {
+            all.clone()
+        };
         let bounds = (FLOOR * tolerance, GOOD * tolerance, MOST_MISSES);
-        let mut bad = written.bad_frames(job.map, job.vertices, job.spool, bounds, job.cancel)?;
+        let mut bad = written.bad_frames(job.map, job.vertices, job.spool, &frames, bounds, job.cancel)?;
         let (targets, weights) = pursue(&mut bad, tolerance, MOST_TARGETS - morphs.targets.len());
         let row = |frame: usize| {
             let place = bad.iter().position(|b| b.frame == frame);

@@ -1,10 +1,10 @@
 //! Joints and weights of the proxy's motion: alternation on chosen frames, transforms on all frames, more joints where the error is.
 
-use super::blend::{Blend, Emphasis};
+use super::blend::{Blend, Emphasis, Fitted, LANES, Wide};
 use super::motion::{FitPoints, Motion};
 use super::rigid::{Packed, Rigid};
-use super::sample::{JointPlanes, Sample, dot};
-use super::select::{CANDIDATES, Gram};
+use super::sample::{JointPlanes, Sample, products};
+use super::select::{CANDIDATES, Gram, PAIRS};
 use super::start::{nearest_to, split};
 use super::table::Growing;
 use super::tracks::Tracks;
@@ -110,7 +110,7 @@ pub fn fit(motion: &Motion<'_>, points: FitPoints, goal: Tolerance, encode: Enco
     let frames = motion.farthest_frames(&points, FIRST_FRAMES)?;
     let sample = Sample::read(motion, &points, frames)?;
     let joints = split(&points, &sample, FIRST_JOINTS, goal.rms, motion.cancel)?;
-    let emphasis = vec![Emphasis::new(points.len()); sample.len()];
+    let emphasis = vec![Emphasis::new(points.len()); sample.len().div_ceil(LANES)];
     State { points, sample, joints, emphasis, tracks: None, encode }.improve(motion, goal, CYCLES, true)
 }
 
@@ -145,6 +145,7 @@ struct State {
     points: FitPoints,
     sample: Sample,
     joints: JointPlanes,
+    /// Of each group of [`LANES`] frames of the sample.
     emphasis: Vec<Emphasis>,
     /// Transforms on all frames, once there are any.
     tracks: Option<Tracks>,
@@ -196,9 +197,16 @@ impl State {
         let blend = Blend::new(&self.points.rest, &influences, begin.joints());
         let mut tracks = Growing::new(motion.spool.folder(), begin.joints())?;
         let mut error = FitError::new(self.points.vertices().len());
-        motion.each_frame(
+        motion.each_group(
             &self.points,
-            |f, pose| Ok(settle(&blend, &pose, begin.motions(f)?, goal)),
+            LANES,
+            |first, poses| {
+                let joints = (first..first + poses.len()).map(|f| begin.motions(f)).collect::<Result<Vec<_>>>();
+                match joints {
+                    Ok(joints) => settle(&blend, &poses, &joints, goal).into_iter().map(Ok).collect(),
+                    Err(error) => vec![Err(error)],
+                }
+            },
             |_, settled: Result<Settled>| {
                 let settled = settled?;
                 error.add(&settled);
@@ -239,12 +247,12 @@ impl State {
             let settled: Vec<Settled> = emphasis
                 .par_iter_mut()
                 .enumerate()
-                .map(|(f, emphasis)| {
-                    let mut now: Vec<Rigid> = (0..before.joints()).map(|k| before.get(k, f)).collect();
-                    let mut left = blend.residuals(&now, &sample.pose(f));
-                    blend.sweep(&mut now, &mut left, emphasis.weights(), 1);
-                    emphasis.follow(&left, goal.rms, 0.4);
-                    Settled::new(&now, &left)
+                .flat_map_iter(|(group, emphasis)| {
+                    let mut now = begin_lanes(&blend, sample, before, group);
+                    blend.sweep(&mut now, emphasis.weights(), 1);
+                    emphasis.follow(&now.left, goal.rms, 0.4);
+                    let count = LANES.min(sample.len() - group * LANES);
+                    (0..count).map(|lane| Settled::new(&now, lane)).collect::<Vec<_>>()
                 })
                 .collect();
             error = FitError::new(points.vertices().len());
@@ -262,10 +270,10 @@ impl State {
 /// Weights of each point over the joints that carry it best.
 fn weigh(points: &FitPoints, sample: &Sample, joints: &JointPlanes, emphasis: &[Emphasis]) -> Vec<Influences> {
     let weigh_point = |scratch: &mut WeightScratch, (i, &p): (usize, &DVec3)| {
-        let costs = joints.costs(p, sample.point(i), &mut scratch.misses);
-        let candidates = smallest(&costs, CANDIDATES);
+        joints.costs(p, sample.point(i), &mut scratch.costs);
+        let candidates = smallest(&scratch.costs, CANDIDATES);
         scratch.emphasis.clear();
-        scratch.emphasis.extend(emphasis.iter().map_while(|e| e.weights().map(|w| (w[i] as f32).sqrt())));
+        scratch.emphasis.extend(emphasis.iter().flat_map(|e| e.weights()[i]).take(sample.len()).map(f32::sqrt));
         scratch.solve(joints, p, sample.point(i), &candidates, true)
     };
     points.rest.par_iter().enumerate().map_init(WeightScratch::default, weigh_point).collect()
@@ -278,6 +286,8 @@ pub struct WeightScratch {
     pub misses: Vec<f32>,
     /// Square roots of the frames' weights; empty for equal weights.
     pub emphasis: Vec<f32>,
+    /// Costs of all joints.
+    pub costs: Vec<f32>,
 }
 
 impl WeightScratch {
@@ -298,21 +308,14 @@ impl WeightScratch {
                 axis.iter_mut().zip(&self.emphasis).for_each(|(m, e)| *m *= e);
             }
         }
-        let of = |a: usize| &self.misses[a * width..(a + 1) * width];
-        let choice = Gram::of(candidates.len(), |a, b| dot(of(a), of(b))).choose(swaps);
-        let mut order: Vec<usize> = (0..choice.count).collect();
-        order.sort_by(|&a, &b| choice.weights[b].total_cmp(&choice.weights[a]).then(a.cmp(&b)));
-        let mut influences = Influences::default();
-        for (place, &a) in order.iter().enumerate() {
-            influences.joints[place] = candidates[choice.members[a]] as u16;
-            influences.weights[place] = choice.weights[a];
-        }
-        influences
+        let mut pairs = [0.0; PAIRS];
+        products(&self.misses, width, &mut pairs);
+        Gram::new(candidates.len(), &pairs).choose(swaps).influences(candidates)
     }
 }
 
 /// Indices of the `count` smallest values, smallest first; ties go to the lower index.
-pub fn smallest(values: &[f64], count: usize) -> Vec<usize> {
+pub fn smallest(values: &[f32], count: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..values.len()).collect();
     let by_value = |a: &usize, b: &usize| values[*a].total_cmp(&values[*b]).then(a.cmp(b));
     if order.len() > count {
@@ -332,35 +335,46 @@ struct Settled {
 }
 
 impl Settled {
-    fn new(joints: &[Rigid], left: &[DVec3]) -> Self {
-        Self {
-            joints: joints.iter().map(Rigid::pack).collect(),
-            squares: left.iter().map(|r| r.length_squared() as f32).collect(),
-        }
+    fn new(fitted: &Fitted, lane: usize) -> Self {
+        Self { joints: fitted.joints.iter().map(|joint| joint[lane].pack()).collect(), squares: fitted.squares(lane).collect() }
     }
 }
 
-/// Fits the joints of one frame with fixed weights, the badly carried points gaining weight from round to round; the best round counts.
-fn settle(blend: &Blend, pose: &[DVec3], mut joints: Vec<Rigid>, goal: Tolerance) -> Settled {
-    let mut left = blend.residuals(&joints, pose);
-    let mut emphasis = Emphasis::new(pose.len());
-    let mut best: Option<(f64, Settled)> = None;
+/// Fits the joints of some frames with fixed weights, the badly carried points gaining weight from round to round; the best round of each frame
+/// counts.
+fn settle(blend: &Blend, poses: &[Vec<DVec3>], joints: &[Vec<Rigid>], goal: Tolerance) -> Vec<Settled> {
+    let lanes: [usize; LANES] = std::array::from_fn(|lane| lane.min(poses.len() - 1));
+    let target = |i: usize| [0, 1, 2].map(|axis| lanes.map(|f| poses[f][i][axis] as f32));
+    let targets: Vec<[Wide; 3]> = (0..poses[0].len()).map(target).collect();
+    let mut now = blend.begin((0..joints[0].len()).map(|k| lanes.map(|f| joints[f][k])).collect(), targets);
+    let mut emphasis = Emphasis::new(now.left.len());
+    let mut best: Vec<Option<(f64, Settled)>> = vec![None; poses.len()];
     for _ in 0..5 {
-        blend.sweep(&mut joints, &mut left, emphasis.weights(), 2);
-        let (sum, most) = left.iter().fold((0.0, 0f64), |(s, m), r| {
-            let e = r.length_squared();
-            (s + e, m.max(e))
-        });
-        let used = goal.used(most.sqrt(), (sum / left.len() as f64).sqrt());
-        if best.as_ref().is_none_or(|(b, _)| used < *b) {
-            best = Some((used, Settled::new(&joints, &left)));
+        blend.sweep(&mut now, emphasis.weights(), 2);
+        for (lane, best) in best.iter_mut().enumerate() {
+            let (sum, most) = now.squares(lane).fold((0.0, 0f32), |(s, m), e| (s + f64::from(e), m.max(e)));
+            let used = goal.used(f64::from(most).sqrt(), (sum / now.left.len() as f64).sqrt());
+            if best.as_ref().is_none_or(|(b, _)| used < *b) {
+                *best = Some((used, Settled::new(&now, lane)));
+            }
         }
-        if used < SETTLED {
+        if best.iter().flatten().all(|(used, _)| *used < SETTLED) {
             break;
         }
-        emphasis.follow(&left, goal.rms, 0.6);
+        emphasis.follow(&now.left, goal.rms, 0.6);
     }
-    best.map_or_else(|| Settled::new(&joints, &left), |(_, settled)| settled)
+    best.into_iter().flatten().map(|(_, settled)| settled).collect()
+}
+
+/// The joints of a group of the sample's frames, and what they leave over. Lanes beyond the last frame repeat it.
+fn begin_lanes(blend: &Blend, sample: &Sample, joints: &JointPlanes, group: usize) -> Fitted {
+    let frames: [usize; LANES] = std::array::from_fn(|lane| (group * LANES + lane).min(sample.len() - 1));
+    let target = |i: usize| {
+        let path = sample.point(i);
+        [0, 1, 2].map(|axis| frames.map(|f| path[axis * sample.len() + f]))
+    };
+    let targets = (0..sample.points()).map(target).collect();
+    blend.begin((0..joints.joints()).map(|k| frames.map(|f| joints.get(k, f))).collect(), targets)
 }
 
 /// Points by their heaviest joint.
@@ -408,13 +422,12 @@ fn grow(motion: &Motion<'_>, points: &FitPoints, tracks: &Tracks, error: &FitErr
 
 /// Emphasis on the sample from the errors of the transforms that the next cycle starts with.
 fn emphasis_of(sample: &Sample, joints: &JointPlanes, blend: &Blend, goal: Tolerance) -> Vec<Emphasis> {
-    (0..sample.len())
+    (0..sample.len().div_ceil(LANES))
         .into_par_iter()
-        .map(|f| {
-            let now: Vec<Rigid> = (0..joints.joints()).map(|k| joints.get(k, f)).collect();
-            let left = blend.residuals(&now, &sample.pose(f));
-            let mut emphasis = Emphasis::new(left.len());
-            emphasis.follow(&left, goal.rms, 1.0);
+        .map(|group| {
+            let now = begin_lanes(blend, sample, joints, group);
+            let mut emphasis = Emphasis::new(now.left.len());
+            emphasis.follow(&now.left, goal.rms, 1.0);
             emphasis
         })
         .collect()

@@ -7,13 +7,17 @@ use super::spool::Spool;
 use crate::error::Result;
 use crate::export::Cancel;
 use crate::linalg::SparseRow;
+use crate::linalg::lanes::for_each_instruction_set;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
+use std::collections::BTreeSet;
 
 /// Frames that are mapped at a time: what the map takes in one call.
 const BATCH: usize = 8;
 /// Vertices of one piece of work.
 const PIECE: usize = 2048;
+/// Frames that are decoded side by side.
+const LANES: usize = 4;
 
 /// Distance of one vertex from its motion, in the file's unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -27,6 +31,7 @@ pub struct VertexError {
 }
 
 impl VertexError {
+    #[inline(always)]
     fn add(&mut self, frame: usize, square: f64) {
         self.squares += square;
         if square > self.worst_square {
@@ -86,52 +91,57 @@ impl Written<'_> {
     ) -> Result<Vec<VertexError>> {
         let mut errors = vec![VertexError::default(); vertices.len()];
         self.each_batch(map, spool, frames, cancel, |batch| {
-            errors.par_chunks_mut(PIECE).enumerate().for_each(|(piece, errors)| {
-                for g in 0..batch.frames.len() {
-                    for (k, error) in errors.iter_mut().enumerate() {
-                        let i = piece * PIECE + k;
-                        error.add(batch.frames[g], batch.miss(g, i, vertices[i]).length_squared());
-                    }
-                }
-            });
+            for first in (0..batch.frames.len()).step_by(LANES) {
+                let lanes = Lanes::new(batch, first);
+                errors.par_chunks_mut(PIECE).enumerate().for_each(|(piece, errors)| {
+                    let begin = piece * PIECE;
+                    add_errors(&lanes, begin, &vertices[begin..begin + errors.len()], errors);
+                });
+            }
             Ok(())
         })?;
         Ok(errors)
     }
 
-    /// Frames with a vertex farther off than `bound`, with all vertices farther off than `floor` in them; where that are more than `most`
-    /// vertices in all, the frames that are least off are left out.
+    /// Those of the given frames with a vertex farther off than `bound`, with all vertices farther off than `floor` in them; where that are more
+    /// than `most` vertices in all, the frames that are least off are left out.
     pub fn bad_frames(
         &self,
         map: &impl PointMap,
         vertices: &[u32],
         spool: &Spool,
+        frames: &[usize],
         (floor, bound, most): (f64, f64, usize),
         cancel: &Cancel,
     ) -> Result<Vec<BadFrame>> {
-        let all: Vec<usize> = (0..spool.frames()).collect();
         let mut found: Vec<BadFrame> = Vec::new();
         let mut total = 0;
-        self.each_batch(map, spool, &all, cancel, |batch| {
-            for g in 0..batch.frames.len() {
-                let miss = |i: usize| {
-                    let error = batch.miss(g, i, vertices[i]);
-                    (error.length_squared() > floor * floor).then(|| Miss {
+        self.each_batch(map, spool, frames, cancel, |batch| {
+            for first in (0..batch.frames.len()).step_by(LANES) {
+                let lanes = Lanes::new(batch, first);
+                let far: Vec<Vec<(usize, usize)>> = vertices
+                    .par_chunks(PIECE)
+                    .enumerate()
+                    .map(|(piece, vertices)| far_vertices(&lanes, piece * PIECE, vertices, floor * floor))
+                    .collect();
+                for lane in 0..lanes.frames.len() {
+                    let g = first + lane;
+                    let of_frame = far.iter().flatten().filter(|(l, _)| *l == lane).map(|(_, i)| *i);
+                    let misses = of_frame.map(|i| Miss {
                         vertex: i as u32,
-                        error,
+                        error: batch.miss(g, i, vertices[i]),
                         linear: self.linear(i, &batch.matrices[g]),
-                    })
-                };
-                let misses: Vec<Miss> = (0..vertices.len()).into_par_iter().with_min_len(PIECE).filter_map(miss).collect();
-                let bad = BadFrame { frame: batch.frames[g], misses };
-                if bad.worst() > bound {
-                    total += bad.misses.len();
-                    found.push(bad);
-                }
-                while total > most && found.len() > 1 {
-                    let worst: Vec<f64> = found.iter().map(BadFrame::worst).collect();
-                    let least = (0..worst.len()).fold(0, |b, i| if worst[i] < worst[b] { i } else { b });
-                    total -= found.remove(least).misses.len();
+                    });
+                    let bad = BadFrame { frame: batch.frames[g], misses: misses.collect() };
+                    if bad.worst() > bound {
+                        total += bad.misses.len();
+                        found.push(bad);
+                    }
+                    while total > most && found.len() > 1 {
+                        let worst: Vec<f64> = found.iter().map(BadFrame::worst).collect();
+                        let least = (0..worst.len()).fold(0, |b, i| if worst[i] < worst[b] { i } else { b });
+                        total -= found.remove(least).misses.len();
+                    }
                 }
             }
             Ok(())
@@ -164,17 +174,40 @@ impl Written<'_> {
     /// Errors of some vertices over all frames without morph targets, given by their places in the skin and their rows.
     pub fn measure_rows(&self, rows: &[(usize, SparseRow)], spool: &Spool, cancel: &Cancel) -> Result<Vec<VertexError>> {
         let mut errors = vec![VertexError::default(); rows.len()];
+        self.each_path(rows, &mut errors, spool, cancel, VertexError::add)?;
+        Ok(errors)
+    }
+
+    /// Frames in which one of some vertices is farther off than `bound` without morph targets.
+    pub fn frames_over(&self, rows: &[(usize, SparseRow)], bound: f64, spool: &Spool, cancel: &Cancel) -> Result<Vec<usize>> {
+        let mut over = vec![Vec::new(); rows.len()];
+        self.each_path(rows, &mut over, spool, cancel, |over: &mut Vec<usize>, frame, square| {
+            if square > bound * bound {
+                over.push(frame);
+            }
+        })?;
+        Ok(over.into_iter().flatten().collect::<BTreeSet<usize>>().into_iter().collect())
+    }
+
+    /// Tells `add` the squared distance of some vertices in every frame, each with a value of its own.
+    fn each_path<T: Send>(
+        &self,
+        rows: &[(usize, SparseRow)],
+        values: &mut [T],
+        spool: &Spool,
+        cancel: &Cancel,
+        add: impl Fn(&mut T, usize, f64) + Sync,
+    ) -> Result<()> {
         super::motion::in_batches(spool, cancel, |first, poses| {
             let matrices = (first..first + poses.len()).map(|f| self.flat_matrices(f)).collect::<Result<Vec<_>>>()?;
-            errors.par_iter_mut().zip(rows).for_each(|(error, (i, row))| {
+            values.par_iter_mut().zip(rows).for_each(|(value, (i, row))| {
                 for (g, (pose, matrices)) in poses.iter().zip(&matrices).enumerate() {
                     let target = self.space.leave(row.apply(pose));
-                    error.add(first + g, self.skinned(*i, self.at_rest(*i), matrices).distance_squared(target));
+                    add(value, first + g, self.skinned(*i, self.at_rest(*i), matrices).distance_squared(target));
                 }
             });
             Ok(())
-        })?;
-        Ok(errors)
+        })
     }
 
     fn flat_matrices(&self, frame: usize) -> Result<Vec<[f64; 12]>> {
@@ -232,6 +265,102 @@ impl Decoding<'_> {
         let target = self.written.space.leave(DVec3::new(x.into(), y.into(), z.into()));
         let rest = self.moved[g].as_ref().map_or_else(|| self.written.at_rest(i), |moved| moved[i]);
         target - self.written.skinned(i, rest, &self.matrices[g])
+    }
+}
+
+/// Some frames side by side: the same vertex is decoded in all of them at once. Lanes beyond the last frame repeat it.
+struct Lanes<'a> {
+    written: &'a Written<'a>,
+    frames: &'a [usize],
+    truth: [&'a [[f32; 3]]; LANES],
+    /// Positions before the joints move them, if they are not those at rest in one of the frames.
+    moved: Option<[Option<&'a [DVec3]>; LANES]>,
+    /// Per node nine numbers of the linear part by columns, then the offset.
+    matrices: Vec<[[f64; LANES]; 12]>,
+}
+
+impl<'a> Lanes<'a> {
+    fn new(batch: &'a Decoding<'a>, first: usize) -> Self {
+        let frames = &batch.frames[first..batch.frames.len().min(first + LANES)];
+        let places: [usize; LANES] = std::array::from_fn(|lane| first + lane.min(frames.len() - 1));
+        let nodes = places.map(|g| &batch.matrices[g]);
+        let moved = places.map(|g| batch.moved[g].as_deref());
+        Self {
+            written: batch.written,
+            frames,
+            truth: places.map(|g| &batch.truth[g][..]),
+            moved: moved.iter().any(Option::is_some).then_some(moved),
+            matrices: (0..nodes[0].len()).map(|k| std::array::from_fn(|x| nodes.map(|n| n[k][x]))).collect(),
+        }
+    }
+
+    /// Squared distances of a vertex from where it should be, in the file's unit.
+    #[inline(always)]
+    fn squares(&self, i: usize, in_map: u32) -> [f64; LANES] {
+        let Written { skin, rest, space, .. } = *self.written;
+        let step = 1.0 / f64::from(skin.levels);
+        let mut blend = [[0.0; LANES]; 12];
+        for (&node, &weight) in skin.joints[i].iter().zip(&skin.weights[i]) {
+            let weight = f64::from(weight) * step;
+            for (sum, m) in blend.iter_mut().zip(&self.matrices[usize::from(node)]) {
+                for lane in 0..LANES {
+                    sum[lane] += weight * m[lane];
+                }
+            }
+        }
+        let [x, y, z] = rest[i];
+        let mut at_rest = [[f64::from(x); LANES], [f64::from(y); LANES], [f64::from(z); LANES]];
+        if let Some(moved) = &self.moved {
+            for (lane, moved) in moved.iter().enumerate() {
+                if let Some(moved) = moved {
+                    (0..3).for_each(|axis| at_rest[axis][lane] = moved[i][axis]);
+                }
+            }
+        }
+        let mut target = [[0.0; LANES]; 3];
+        for (lane, points) in self.truth.iter().enumerate() {
+            let point = &points[in_map as usize];
+            (0..3).for_each(|axis| target[axis][lane] = f64::from(point[axis]));
+        }
+        let mut squares = [0.0; LANES];
+        for axis in 0..3 {
+            for lane in 0..LANES {
+                let turned = blend[axis][lane] * at_rest[0][lane]
+                    + blend[3 + axis][lane] * at_rest[1][lane]
+                    + blend[6 + axis][lane] * at_rest[2][lane];
+                let miss = target[axis][lane] * space.scale + space.shift[axis] - (turned + blend[9 + axis][lane]);
+                squares[lane] += miss * miss;
+            }
+        }
+        squares
+    }
+}
+
+for_each_instruction_set! {
+    /// Adds what consecutive vertices of the skin are off; `first` is the first of them, `vertices` are their indices in the map.
+    fn add_errors(lanes: &Lanes<'_>, first: usize, vertices: &[u32], errors: &mut [VertexError]) {
+        for (k, (error, &in_map)) in errors.iter_mut().zip(vertices).enumerate() {
+            let squares = lanes.squares(first + k, in_map);
+            for (&frame, &square) in lanes.frames.iter().zip(&squares) {
+                error.add(frame, square);
+            }
+        }
+    }
+}
+
+for_each_instruction_set! {
+    /// Lanes and places of consecutive vertices of the skin whose squared distance passes `bound`, ascending in the vertices.
+    fn far_vertices(lanes: &Lanes<'_>, first: usize, vertices: &[u32], bound: f64) -> Vec<(usize, usize)> {
+        let mut far = Vec::new();
+        for (i, &in_map) in (first..).zip(vertices) {
+            let squares = lanes.squares(i, in_map);
+            for (lane, &square) in squares[..lanes.frames.len()].iter().enumerate() {
+                if square > bound {
+                    far.push((lane, i));
+                }
+            }
+        }
+        far
     }
 }
 

@@ -133,6 +133,8 @@ impl Influences {
 pub trait PointMap: Sync {
     /// The row of one point over proxy vertices.
     fn row(&self, point: usize) -> SparseRow;
+    /// Which proxy vertices the rows of some points may have coefficients for.
+    fn reads(&self, points: &[u32]) -> Vec<bool>;
     /// All points of up to eight poses.
     fn apply(&self, poses: &[&[DVec3]], out: &mut [Vec<[f32; 3]>]);
 }
@@ -140,6 +142,10 @@ pub trait PointMap: Sync {
 impl PointMap for SurfaceMap {
     fn row(&self, point: usize) -> SparseRow {
         SurfaceMap::row(self, point)
+    }
+
+    fn reads(&self, points: &[u32]) -> Vec<bool> {
+        SurfaceMap::reads(self, points)
     }
 
     fn apply(&self, poses: &[&[DVec3]], out: &mut [Vec<[f32; 3]>]) {
@@ -207,9 +213,13 @@ impl<M: PointMap> Job<'_, M> {
                 Some(encoded) => encoded,
                 None => match self.skinned(&motion)? {
                     skinned if self.misses(&skinned.summary) => {
-                        // What few joints cannot do in all frames, a basis of poses may.
-                        let morphed = basis::encode(self, &motion)?;
-                        if self.misses(&morphed.summary) { skinned } else { morphed }
+                        // What few joints cannot do in all frames, a basis of poses may, if a file holds it.
+                        match basis::encode(self, &motion) {
+                            Ok(morphed) if !self.misses(&morphed.summary) => morphed,
+                            Ok(_) => skinned,
+                            Err(error) if error.kind == Kind::Unsupported => skinned,
+                            Err(error) => return Err(error),
+                        }
                     }
                     skinned => skinned,
                 },
@@ -229,7 +239,7 @@ impl<M: PointMap> Job<'_, M> {
     }
 
     fn skinned(&self, motion: &Motion<'_>) -> Result<Encoded> {
-        let read = surface::read_by_map(self.map, self.vertices, self.proxy_rest.len());
+        let read = surface::read_by_map(self.map, self.vertices);
         let points = FitPoints::new(self.proxy_rest, read);
         let trial = self.trial(motion, fit::fit(motion, points, self.goal(), self.encode)?, &[])?;
         let mut best = self.complete(motion, self.search(motion, trial)?)?;
@@ -342,7 +352,12 @@ impl<M: PointMap> Job<'_, M> {
         let points = fit.points.with_rows(rows, worst.iter().map(|i| self.rest[vertex(i)]));
         let mut influences = fit.influences[..fit.points.vertices().len()].to_vec();
         influences.extend(worst.iter().map(|&i| trial.skin.influences(i)));
-        fit::extend(motion, fit, points, &influences, frames, !self.is_enough(trial), (self.goal(), self.encode))
+        // Where the mean misses, no few vertices are to blame: the proxy's points have to come nearer.
+        let measured = measure::summary(&trial.errors, trial.frames.len()).rms / self.space.scale;
+        let goal = self.goal();
+        let missed = measured > self.tolerance.rms;
+        let goal = Tolerance { rms: if missed { 0.85 * goal.rms * self.tolerance.rms / measured } else { goal.rms }, ..goal };
+        fit::extend(motion, fit, points, &influences, frames, !self.is_enough(trial), (goal, self.encode))
     }
 
     fn rest_as_written(&self) -> Vec<[f32; 3]> {

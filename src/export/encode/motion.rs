@@ -9,7 +9,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 /// Frames that are in memory at a time.
-const BATCH: usize = 32;
+const BATCH: usize = 64;
 /// Frames at most among which those to learn from are sought.
 const SKETCHES: usize = 2048;
 
@@ -91,15 +91,27 @@ impl<'a> Motion<'a> {
         &self,
         points: &FitPoints,
         work: impl Fn(usize, Vec<DVec3>) -> T + Sync,
+        take: impl FnMut(usize, T) -> Result<()>,
+    ) -> Result<()> {
+        self.each_group(points, 1, |f, poses| poses.into_iter().map(|pose| work(f, pose)).collect(), take)
+    }
+
+    /// The same for groups of so many consecutive frames; `work` returns a result for each of them.
+    pub fn each_group<T: Send>(
+        &self,
+        points: &FitPoints,
+        frames: usize,
+        work: impl Fn(usize, Vec<Vec<DVec3>>) -> Vec<T> + Sync,
         mut take: impl FnMut(usize, T) -> Result<()>,
     ) -> Result<()> {
         in_batches(self.spool, self.cancel, |first, poses| {
-            let results: Vec<T> = poses
-                .par_iter()
-                .enumerate()
-                .map(|(k, pose)| work(first + k, points.gather(pose, &self.roots[first + k])))
-                .collect();
-            results.into_iter().enumerate().try_for_each(|(k, result)| take(first + k, result))
+            let group = |(g, poses): (usize, &[Vec<DVec3>])| {
+                let first = first + g * frames;
+                let gathered = poses.iter().enumerate().map(|(k, pose)| points.gather(pose, &self.roots[first + k])).collect();
+                work(first, gathered)
+            };
+            let results: Vec<Vec<T>> = poses.par_chunks(frames).enumerate().map(group).collect();
+            results.into_iter().flatten().enumerate().try_for_each(|(k, result)| take(first + k, result))
         })
     }
 

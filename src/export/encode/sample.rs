@@ -4,6 +4,7 @@ use super::motion::{FitPoints, Motion};
 use super::rigid::Rigid;
 use super::tracks::Tracks;
 use crate::error::Result;
+use crate::linalg::lanes::for_each_instruction_set;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
@@ -35,6 +36,11 @@ impl Sample {
     /// Number of frames.
     pub fn len(&self) -> usize {
         self.frames.len()
+    }
+
+    /// Number of points.
+    pub fn points(&self) -> usize {
+        self.positions.len() / (3 * self.len()).max(1)
     }
 
     /// Whether there is no frame.
@@ -118,6 +124,17 @@ impl JointPlanes {
         Rigid { rotation: DMat3::from_cols(column(0), column(1), column(2)), translation: column(3) }
     }
 
+    /// Some consecutive frames side by side: per joint the twelve rows; zero in lanes beyond the last frame.
+    pub fn lanes<const W: usize>(&self, first: usize) -> Vec<[[f32; W]; 12]> {
+        let count = W.min(self.frames - first);
+        let rows: Vec<[f32; W]> = self
+            .values
+            .chunks_exact(self.frames)
+            .map(|row| std::array::from_fn(|lane| if lane < count { row[first + lane] } else { 0.0 }))
+            .collect();
+        rows.as_chunks::<12>().0.to_vec()
+    }
+
     /// Adds the joints of another table over the same frames.
     pub fn extend(&mut self, other: &Self) {
         self.values.extend_from_slice(&other.values);
@@ -139,35 +156,70 @@ impl JointPlanes {
     }
 
     /// Sum over frames of the squared miss of every joint at a point.
-    pub fn costs(&self, rest: DVec3, positions: &[f32], scratch: &mut Vec<f32>) -> Vec<f64> {
-        scratch.resize(3 * self.frames, 0.0);
-        (0..self.joints())
-            .map(|k| {
-                self.miss(k, rest, positions, scratch);
-                dot(scratch, scratch)
-            })
-            .collect()
+    pub fn costs(&self, rest: DVec3, positions: &[f32], out: &mut Vec<f32>) {
+        out.clear();
+        out.resize(self.joints(), 0.0);
+        add_costs(&self.values, self.frames, rest.as_vec3().to_array(), positions, out);
     }
 
     /// The joint of least cost for each point, with its cost.
     pub fn nearest_joints(&self, points: &[DVec3], sample: &Sample) -> Vec<(usize, f64)> {
-        let nearest = |scratch: &mut Vec<f32>, (i, &p): (usize, &DVec3)| {
-            let costs = self.costs(p, sample.point(i), scratch);
-            costs.iter().enumerate().fold((0, f64::INFINITY), |best, (k, &c)| if c < best.1 { (k, c) } else { best })
+        let nearest = |costs: &mut Vec<f32>, (i, &p): (usize, &DVec3)| {
+            self.costs(p, sample.point(i), costs);
+            let least = costs.iter().enumerate().fold((0, f32::INFINITY), |best, (k, &c)| if c < best.1 { (k, c) } else { best });
+            (least.0, f64::from(least.1))
         };
         points.par_iter().enumerate().map_init(Vec::new, nearest).collect()
     }
 }
 
-/// Scalar product in eight running sums: a fixed order that vectorises.
-pub fn dot(a: &[f32], b: &[f32]) -> f64 {
-    let mut sums = [0f32; 8];
-    let (a8, b8) = (a.chunks_exact(8), b.chunks_exact(8));
-    let tail: f32 = a8.remainder().iter().zip(b8.remainder()).map(|(x, y)| x * y).sum();
-    for (x, y) in a8.zip(b8) {
-        for k in 0..8 {
-            sums[k] += x[k] * y[k];
+/// Running sums of a scalar product: a fixed order that vectorises.
+const SUMS: usize = 8;
+
+for_each_instruction_set! {
+    fn add_costs(values: &[f32], frames: usize, p: [f32; 3], positions: &[f32], out: &mut [f32]) {
+        for (rows, cost) in values.chunks_exact(12 * frames).zip(out) {
+            let mut sums = [0f32; SUMS];
+            let mut tail = 0.0;
+            for (rows, q) in rows.chunks_exact(4 * frames).zip(positions.chunks_exact(frames)) {
+                let (a, rest) = rows.split_at(frames);
+                let (b, rest) = rest.split_at(frames);
+                let (c, t) = rest.split_at(frames);
+                let whole = frames / SUMS * SUMS;
+                for f in (0..whole).step_by(SUMS) {
+                    let at = |row: &[f32], k: usize| row[f..f + SUMS][k];
+                    for (k, sum) in sums.iter_mut().enumerate() {
+                        let miss = at(a, k) * p[0] + at(b, k) * p[1] + at(c, k) * p[2] + (at(t, k) - at(q, k));
+                        *sum += miss * miss;
+                    }
+                }
+                for f in whole..frames {
+                    let miss = a[f] * p[0] + b[f] * p[1] + c[f] * p[2] + (t[f] - q[f]);
+                    tail += miss * miss;
+                }
+            }
+            *cost = sums.iter().sum::<f32>() + tail;
         }
     }
-    sums.iter().map(|&s| f64::from(s)).sum::<f64>() + f64::from(tail)
+}
+
+for_each_instruction_set! {
+    /// Scalar products of rows of so many numbers, row by row of the lower triangle.
+    pub fn products(rows: &[f32], width: usize, out: &mut [f32]) {
+        let mut out = out.iter_mut();
+        for a in 0..rows.len() / width {
+            for (b, product) in (0..=a).zip(&mut out) {
+                let (x, x_tail) = rows[a * width..(a + 1) * width].as_chunks::<SUMS>();
+                let (y, y_tail) = rows[b * width..(b + 1) * width].as_chunks::<SUMS>();
+                let mut sums = [0f32; SUMS];
+                for (x, y) in x.iter().zip(y) {
+                    for (sum, (x, y)) in sums.iter_mut().zip(x.iter().zip(y)) {
+                        *sum += x * y;
+                    }
+                }
+                let tail: f32 = x_tail.iter().zip(y_tail).map(|(x, y)| x * y).sum();
+                *product = sums.iter().sum::<f32>() + tail;
+            }
+        }
+    }
 }

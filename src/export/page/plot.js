@@ -1,4 +1,4 @@
-// Colours of the page for the canvases, and the plot of residual and volume; it is the timeline, too.
+// Colours of the page for the canvases, and the plot of residual, volume and weights of examples; it is the timeline, too.
 
 const theme = {};
 function readTheme() {
@@ -9,6 +9,11 @@ function readTheme() {
     theme[name] = rgb(theme["css_" + name]);
   }
 }
+
+/** Height of the panel with the weights of examples. */
+const WEIGHTS = 64;
+/** Neighbours in the list are far apart in colour. */
+const hue = (example) => `hsl(${(200 + 137.5 * example) % 360} 62% ${matchMedia("(prefers-color-scheme: dark)").matches ? 68 : 40}%)`;
 
 const FLAGS = ["not solved", "folded", "no markers"];
 const digits = (x) => (Math.abs(x) >= 100 ? x.toFixed(0) : x.toPrecision(3));
@@ -24,6 +29,8 @@ function worstFrames() {
 class Plot {
   constructor(canvas) {
     Object.assign(this, { canvas, paper: document.createElement("canvas"), worst: worstFrames() });
+    this.panel = run.examples.length && run.weights[0].length ? WEIGHTS : 0;
+    canvas.style.height = `${canvas.clientHeight + this.panel}px`;
   }
 
   x(frame) {
@@ -41,18 +48,38 @@ class Plot {
     for (const c of [this.canvas, this.paper]) Object.assign(c, { width: this.width * this.ratio, height: this.height * this.ratio });
     const g = this.paper.getContext("2d");
     g.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
-    const [top, bottom] = [17, this.height - 8];
-    const curve = (values, low, high) => {
+    const [top, bottom] = [17, this.height - this.panel - 8];
+    const curve = (values, low, high, [top, bottom]) => {
       g.beginPath();
       values.forEach((v, f) => g.lineTo(this.x(f), bottom - ((v - low) / (high - low || 1)) * (bottom - top)));
     };
-    g.strokeStyle = theme.css_rule;
-    g.strokeRect(3.5, top - 0.5, this.width - 7, bottom - top + 1);
-    g.font = "11px system-ui, sans-serif";
+    const frame = ([top, bottom]) => {
+      g.strokeStyle = theme.css_rule;
+      g.strokeRect(3.5, top - 0.5, this.width - 7, bottom - top + 1);
+    };
+    frame([top, bottom]);
+    g.font = this.font = "11px system-ui, sans-serif";
+    if (this.panel) {
+      const rows = [bottom + 27, this.height - 4];
+      const low = run.weights.reduce((a, line) => line.reduce((x, w) => Math.min(x, w), a), 0);
+      const high = run.weights.reduce((a, line) => line.reduce((x, w) => Math.max(x, w), a), 1);
+      frame(rows);
+      for (const level of [0, 1]) {
+        curve([level, level], low, high, rows);
+        g.lineTo(this.width - 4, rows[1] - ((level - low) / (high - low)) * (rows[1] - rows[0]));
+        g.stroke();
+      }
+      run.weights.forEach((line, example) => {
+        curve(line, low, high, rows);
+        g.strokeStyle = hue(example);
+        g.stroke();
+      });
+      this.names = rows[0] - 5;
+    }
     if (run.max.length > 0) {
       const most = Math.max(...run.max, 1e-9);
       for (const [values, color] of [[run.max, theme.css_residual], [run.median, theme.css_median]]) {
-        curve(values, 0, most);
+        curve(values, 0, most, [top, bottom]);
         g.strokeStyle = color;
         g.stroke();
         g.lineTo(this.x(values.length - 1), bottom);
@@ -64,7 +91,7 @@ class Plot {
       }
       const [low, high] = [Math.min(...run.volume), Math.max(...run.volume)];
       const room = Math.max(0.02, high - low) * 0.1;
-      curve(run.volume, low - room, high + room);
+      curve(run.volume, low - room, high + room, [top, bottom]);
       g.strokeStyle = theme.css_volume;
       g.stroke();
       g.fillStyle = theme.css_residual;
@@ -93,8 +120,28 @@ class Plot {
     g.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     g.clearRect(0, 0, this.width, this.height);
     g.drawImage(this.paper, 0, 0, this.width, this.height);
+    if (this.panel) this.weights(g, Math.round(time));
     g.fillStyle = theme.css_ink;
-    g.fillRect(this.x(time) - 1, 13, 2, this.height - 13);
+    g.fillRect(this.x(time) - 1, 13, 2, this.height - this.panel - 13);
+    if (this.panel) g.fillRect(this.x(time) - 1, this.names + 2, 2, this.height - this.names - 2);
+  }
+
+  /** Names of the examples in the colours of their lines, with the weights of a frame; as many as there is room for. */
+  weights(g, frame) {
+    g.font = this.font;
+    let x = 4;
+    for (const [example, file] of run.examples.entries()) {
+      const name = file.replace(/\.(obj|ply|off|stl|gltf|glb)(\.gz|\.zip)?$/i, "");
+      const text = `${name} ${run.weights[example][frame].toFixed(2)}`;
+      // The same room for every weight, so that names stand still.
+      const room = g.measureText(`${name} −0.00`).width + 14;
+      const more = `and ${run.examples.length - example} more`;
+      const fits = x + room + (example + 1 < run.examples.length ? g.measureText(more).width : 0) < this.width;
+      g.fillStyle = fits ? hue(example) : theme.css_ink;
+      g.fillText(fits ? text : more, x, this.names);
+      if (!fits) break;
+      x += room;
+    }
   }
 
   /** The frame of a click: a worst one that is near, or the one that is there. */

@@ -15,16 +15,18 @@ fn run(header: &Arc<Header>, mut sink: Box<dyn FrameSink>) -> Written {
     let rest = [header.proxy.rest[0], header.proxy.rest[100]];
     sink.begin(header).unwrap();
     for frame in 0..FRAMES {
-        let holds = vec![vec![hold(header, frame, 0), hold(header, frame, 1)]];
+        let holds = [vec![hold(header, frame, 0), hold(header, frame, 1)]];
         let lifted = |p: &DVec3| if frame == 3 { DVec3::NAN } else { *p + DVec3::Y * 0.1 };
-        let targets = vec![holds[0].iter().map(lifted).collect()];
+        let targets = [holds[0].iter().map(lifted).collect()];
         let residual = Residual { median: 1.0, max: frame as f64, worst: (frame != 3).then_some(1) };
         let mut measure = FrameMeasure { frame: 50 + frame as i64, residual, ..FrameMeasure::default() };
         measure.stats.volume_ratio = 1.0 + 0.01 * frame as f64;
         measure.stats.converged = frame != 5;
         measure.stats.inverted = if frame == 7 { 11 } else { 10 };
         let (frames, names, metres) = (&[measure][..], &names[..], Some(0.001));
-        sink.measured(&Measures { frames, names, rest: &rest, holds: &holds, targets: &targets, metres }).unwrap();
+        let (examples, weights) = (&["fist".to_owned()][..], &[vec![0.05 * frame as f64]][..]);
+        let (rest, holds, targets) = (&rest[..], &holds[..], &targets[..]);
+        sink.measured(&Measures { frames, names, examples, weights, rest, holds, targets, metres }).unwrap();
         sink.frames(&FrameBatch { first: frame, proxy: &[pose(header, frame)], points: &[], normals: &[] }).unwrap();
     }
     sink.finish().unwrap()
@@ -82,6 +84,8 @@ fn a_page_tells_what_was_measured() {
     assert_eq!((&run["frames"], &run["first"], &run["rate"]), (&json!(FRAMES), &json!(50), &json!(120.0)));
     assert_eq!(run["handles"], json!(["A</script>", "B"]));
     assert_eq!((run["max"][9].as_f64(), run["volume"][9].as_f64()), (Some(9.0), Some(1.09)));
+    assert_eq!((&run["examples"], run["weights"][0][8].as_f64()), (&json!(["fist"]), Some(0.4)));
+    assert_eq!((run["weights"].as_array().unwrap().len(), run["weights"][0].as_array().unwrap().len()), (1, FRAMES));
     let flags: Vec<u64> = run["flags"].as_array().unwrap().iter().map(|f| f.as_u64().unwrap()).collect();
     let expected: Vec<u64> = (0..FRAMES).map(|f| [(3, 4), (5, 1), (7, 2)].iter().find(|x| x.0 == f).map_or(0, |x| x.1)).collect();
     assert_eq!(flags, expected);
