@@ -7,12 +7,12 @@ use super::decisions::{
     FOLDING, bind_line, binding_details, binding_json, capture_line, cut, done_line, file_name, oriented_json, outcome_warnings,
     repair_details, repairs_json, scan_line, solve_line, unbound, within,
 };
+use super::grown::{self, Recut};
 use super::outputs;
 use super::picture::{self, Bound, Unbound};
 use super::rig::Rig;
 use super::shells::{self, Examples};
 use crate::batch::record::Summary;
-use crate::binding::landmarks::Floor;
 use crate::binding::regions::Subject;
 use crate::binding::select::Hold;
 use crate::binding::{self, Binding, Limbs, Regions, Rules, ScanShape, Segment, driven, landmarks};
@@ -33,7 +33,7 @@ use crate::proxy::{self, BuildOptions, Proxy, medit};
 use crate::report::{self, ReportWriter};
 use crate::scan::{self, Faces, Scan, UnitBox};
 use crate::spatial::TriangleTree;
-use crate::surface::SurfaceMap;
+use crate::surface::{Apart, SurfaceMap};
 use crate::words;
 use glam::DVec3;
 use serde_json::{Value, json};
@@ -119,21 +119,31 @@ impl Setup {
             || body(args, cache.as_ref(), &scan, unit_box, &points, &triangles, &examples, cancel),
             || bind(args, &scan, unit_box, &points, &triangles, &mut captures, &rig, (console, cancel)),
         );
-        let (mut binding, floor) = match bound {
+        let (mut binding, found) = match bound {
             Err(error) if matches!(error.kind, Kind::Refused | Kind::Ambiguous) && args.picture.is_some() => {
                 show_unbound(args, console, &scan, &points, &triangles, &captures.capture)?;
                 return Err(error);
             }
             bound => bound?,
         };
-        let (scan, triangles, built) = match floor {
-            Some(floor) => {
-                let without = without_floor(&scan, unit_box, &floor, &mut binding.notes);
-                let triangles = without.mesh.vertex_triangles();
-                let built = body(args, cache.as_ref(), &without, unit_box, &points, &triangles, &examples, cancel);
-                (without, triangles, built)
+        let recut = found.and_then(|found| grown::recut(args, &scan, unit_box, &points, &found, &mut binding.notes));
+        let (scan, triangles, built, apart) = match recut {
+            Some(Recut { scan, shift }) => {
+                let triangles = scan.mesh.vertex_triangles();
+                let moved = shift.as_deref().map(|shift| grown::moved(&points, shift));
+                let points = moved.as_ref().unwrap_or(&points);
+                let mut built = body(args, cache.as_ref(), &scan, unit_box, points, &triangles, &examples, cancel);
+                let apart = match (&shift, &mut built) {
+                    (Some(shift), Ok(made)) => {
+                        made.touching = true;
+                        let proxy = proxy::carry_back(&mut made.proxy, points, &triangles, shift);
+                        Some(Apart { proxy, points: points.clone() })
+                    }
+                    _ => None,
+                };
+                (scan, triangles, built, apart)
             }
-            None => (scan, triangles, built),
+            None => (scan, triangles, built, None),
         };
         let (mut capture, reference) = (captures.capture, captures.reference);
         console.station("scan", &scan_line(args, &scan, &binding));
@@ -192,7 +202,7 @@ impl Setup {
         let (map, deformer) = rayon::join(
             || match &shell {
                 Some(body) => Ok(SurfaceMap::build_for_shell(body, &points, &scan.mesh.faces, &examples.poses)),
-                None => map_of(args, cache.as_ref(), &proxy, &points, &scan.mesh.faces),
+                None => map_of(args, cache.as_ref(), &proxy, &points, &scan.mesh.faces, apart.as_ref()),
             },
             || deformer(args, &proxy, shell.as_ref(), &handles, &oriented, &regions),
         );
@@ -288,7 +298,9 @@ impl Setup {
         let mut outcome = result.map_err(|e| interrupted_where(e, &progress, header.frames))?;
 
         let folding = if args.shells.are_chosen()? { shells::FOLDING } else { FOLDING };
-        let texts = outcome_warnings(&outcome, self.unit_box.diagonal, metres, folding);
+        let names: Vec<&str> =
+            self.handles.iter().map(|h| h.name.as_str()).chain(self.oriented.iter().map(|h| h.name.as_str())).collect();
+        let texts = outcome_warnings(&outcome, &names, self.unit_box.diagonal, metres, folding);
         texts.iter().chain(&args.shells.weight_warnings(&outcome, &self.examples.names)).for_each(|text| {
             console.warning(text);
             self.warnings.push(text.clone());
@@ -300,8 +312,6 @@ impl Setup {
             report.finish(&outcome.written, metres, &self.warnings)?;
         }
         let total = self.start.elapsed().as_secs_f64();
-        let names: Vec<&str> =
-            self.handles.iter().map(|h| h.name.as_str()).chain(self.oriented.iter().map(|h| h.name.as_str())).collect();
         console.station("done", &done_line(&outcome, total, &names, metres, self.unit_box.diagonal));
         let [solve, map, write] = outcome.stage_ms.map(|ms| ms / outcome.frames.max(1) as f64);
         console.detail(&format!(
@@ -615,19 +625,33 @@ struct Made {
 }
 
 /// The map from the proxy to the scan, from the cache where it is there.
-fn map_of(args: &Animate, cache: Option<&Cache>, proxy: &Proxy, points: &[DVec3], faces: &Faces) -> Result<SurfaceMap> {
+fn map_of(
+    args: &Animate,
+    cache: Option<&Cache>,
+    proxy: &Proxy,
+    points: &[DVec3],
+    faces: &Faces,
+    apart: Option<&Apart>,
+) -> Result<SurfaceMap> {
     let of_proxy = |key: Key| {
         key.plain(&proxy.rest).plain(&proxy.tets).plain(&proxy.boundary).plain(&proxy.boundary_tets).plain(&proxy.components)
     };
     let kind = if args.map == Map::Paper { "paper map" } else { "ring map" };
-    let key = || of_proxy(Key::new(kind)).plain(points).plain(&faces.starts).plain(&faces.corners);
+    let key = || {
+        let key = of_proxy(Key::new(kind)).plain(points).plain(&faces.starts).plain(&faces.corners);
+        apart.iter().fold(key, |key, apart| key.plain(&apart.proxy).plain(&apart.points))
+    };
+    let build = || match apart {
+        Some(apart) => SurfaceMap::build_apart(proxy, points, faces, apart, args.map.into()),
+        None => SurfaceMap::build_by_pieces(proxy, points, faces, args.map.into()),
+    };
     let Some((cache, key)) = cache.map(|cache| (cache, key())) else {
-        return SurfaceMap::build_by_pieces(proxy, points, faces, args.map.into());
+        return build();
     };
     if let Some(map) = cache.get(&key) {
         return Ok(map);
     }
-    let map = SurfaceMap::build_by_pieces(proxy, points, faces, args.map.into())?;
+    let map = build()?;
     cache.keep(&key, &map);
     Ok(map)
 }
@@ -688,7 +712,7 @@ fn bind(
     captures: &mut Captures,
     rig: &Rig,
     (console, cancel): (&Console, &Cancel),
-) -> Result<(Binding, Option<Floor>)> {
+) -> Result<(Binding, Option<landmarks::Body>)> {
     let mut notes = Notes::default();
     let options = rig.options(args, scan, unit_box, &mut notes)?;
     let places = rig.landmarks(scan, unit_box)?;
@@ -696,7 +720,8 @@ fn bind(
         Some(body) => Ok(body),
         None => landmarks::told(landmarks::find(points, triangles), &places, points),
     };
-    let floor = body.as_ref().ok().and_then(|body| body.floor);
+    let found = body.as_ref().ok().cloned();
+    let floor = found.as_ref().and_then(|body| body.floor);
     let centre = |t: &[u32; 3]| t.iter().map(|&v| points[v as usize]).sum::<DVec3>() / 3.0;
     let tree = match floor {
         Some(floor) => {
@@ -721,23 +746,18 @@ fn bind(
             bound.map_err(|e| if e.file.is_none() && e.kind != Kind::Interrupted { e.file(&scan.source) } else { e })?
         }
     };
+    if is_table(&args.capture) && args.scale.is_some() {
+        notes.warn("--scale is not used with a table of handles: its places are those of the scan");
+    }
+    if args.accept_doubtful && !binding.notes.iter().any(|text| text.contains(binding::ACCEPTED)) {
+        notes.warn("--accept-doubtful changed nothing: there was nothing to refuse");
+    }
     notes.iter().for_each(|text| binding.notes.warn(text));
     let holds: Vec<Hold> = args.hold.iter().chain(&args.hold_exact).cloned().collect();
     for table in &captures.tables {
         driven::add_handles(&shape, &mut captures.capture, &mut binding, table, &holds)?;
     }
-    Ok((binding, floor))
-}
-
-/// The scan without the floor that has grown together with the feet: it would move and tear with them.
-fn without_floor(scan: &Scan, unit_box: UnitBox, floor: &Floor, notes: &mut Notes) -> Scan {
-    let without =
-        scan.with_faces(|corners| !floor.holds(unit_box.enter(corners.iter().sum::<DVec3>() / corners.len().max(1) as f64)));
-    notes.warn(format!(
-        "the feet have grown together with a flat floor: its {} are left out, and what is written has no floor",
-        words::plural(scan.mesh.faces.len() - without.mesh.faces.len(), "face")
-    ));
-    without
+    Ok((binding, found))
 }
 
 /// An interruption says how far the run came.

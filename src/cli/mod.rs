@@ -7,6 +7,7 @@ mod batch;
 mod blend;
 mod console;
 mod decisions;
+mod grown;
 mod inspect;
 mod joints;
 mod outputs;

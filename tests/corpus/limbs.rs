@@ -35,6 +35,9 @@ pub const BONES: [&str; 12] = [
     "foot.R",
 ];
 
+/// Hands are looked for so much farther than they were found to reach: finger tips that lie against a thigh are found to 6 % of stature.
+const HAND: f64 = 1.6;
+
 /// Points of a capture for the twelve joints: the mean of some of its points, `None` where the set has none.
 pub struct Points(Vec<Vec<usize>>);
 
@@ -94,7 +97,8 @@ impl Shafts {
         for (v, &p) in rest.iter().enumerate() {
             let all = [0, 1, 2, 3, 4, 5, 6, 7].map(|limb| near(p, limb));
             let limb = (0..8).min_by(|&a, &b| all[a].0.total_cmp(&all[b].0)).unwrap();
-            let hand = (0..2).map(|side| to_line(p, joints[6 * side + 2], tips[side])).fold(f64::INFINITY, f64::min);
+            let ends = (0..2).map(|side| (joints[6 * side + 2], tips[side]));
+            let hand = ends.map(|(wrist, tip)| to_line(p, wrist, wrist.lerp(tip, HAND))).fold(f64::INFINITY, f64::min);
             let reach = if limb % 4 < 2 { 0.05 } else { 0.08 };
             if hand > all[limb].0.min(0.06 * stature) && (0.25..0.75).contains(&all[limb].1) && all[limb].0 < reach * stature {
                 skin[limb].push(v);
