@@ -25,7 +25,7 @@ const HALF_HAND: f64 = 0.045;
 const WRIST: [f64; 2] = [1.7, 2.15];
 /// How far beyond the finger tips a hand may end.
 const TIP: f64 = 0.02;
-/// Share of an arm's skin that faces the trunk, above which the arm has a skin of its own there and only touches.
+/// Skin between an arm and the trunk as a share of the arm's, above which the arm has a skin of its own there and only touches.
 const OWN_SKIN: f64 = 0.02;
 /// Depth of the crotch under the hip joints.
 const CROTCH: f64 = 0.03;
@@ -72,7 +72,9 @@ pub fn cut(body: &Body, points: &[DVec3], faces: &Faces) -> Option<Cuts> {
     let mut arms = vec![false; points.len()];
     for (side, name) in [(0, "left arm"), (1, "right arm")] {
         let Some(arm) = Arm::new(body, side, points) else { continue };
-        let mut sides: Vec<Side> = points.iter().map(|&p| arm.side(p)).collect();
+        // An arm that was cut off hangs together with nothing.
+        let side = |(&p, cut): (&DVec3, &bool)| if *cut { Side::Neither } else { arm.side(p) };
+        let mut sides: Vec<Side> = points.iter().zip(&arms).map(side).collect();
         mesh.tidy(&mut sides);
         if !arm.has_grown_on(points, &sides) || !mesh.part(&sides, body.up, LEAST * body.stature) {
             continue;
@@ -176,15 +178,16 @@ impl Arm {
         if own && p.dot(self.up) > lowest { Side::Limb } else { Side::Rest }
     }
 
-    /// Whether next to none of the arm's skin faces the trunk.
+    /// Whether next to no skin lies between the arm and the trunk, as much as an arm with a skin of its own has there.
     fn has_grown_on(&self, points: &[DVec3], sides: &[Side]) -> bool {
-        let (mut own, mut inner) = (0.0, 0.0);
-        for (&p, _) in points.iter().zip(sides).filter(|(_, side)| **side == Side::Limb) {
+        let own = sides.iter().filter(|side| **side == Side::Limb).count() as f64;
+        let between = |&&p: &&DVec3| {
             let s = self.seen(p);
             let radius = self.radius(s.station);
-            own += 1.0;
-            inner += if s.out < -0.3 * radius && s.front.abs() < 0.5 * radius { 1.0 } else { 0.0 };
-        }
+            let along = (ARMPIT..WRIST[0]).contains(&s.station) && s.distance < REACH * self.stature;
+            along && s.out < -0.3 * radius && s.front.abs() < 0.5 * radius
+        };
+        let inner = points.iter().filter(between).count() as f64;
         own > 0.0 && inner < OWN_SKIN * own
     }
 }
@@ -534,18 +537,22 @@ mod tests {
         let (mut points, mut faces) = (Vec::new(), Faces::default());
         let (joint, unit) = (|j: Joint| body.joints[j as usize], 1.0 / person.unit_box.diagonal);
         for [from, to, ..] in [[Joint::LeftShoulder, Joint::LeftHandTip], [Joint::MidHip, Joint::Neck]] {
-            let radius = if from == Joint::MidHip { 0.14 } else { 0.05 } * unit;
+            // The bones lie to the outside of the arm's middle: its inner skin is as far off as the trunk's.
+            let (radius, aside) = if from == Joint::MidHip { (0.14 * unit, 0.0) } else { (0.05 * unit, 0.02 * unit) };
             let first = points.len() as u32;
             for ring in 0..=20 {
                 let middle = joint(from).lerp(joint(to), f64::from(ring) / 20.0);
                 let around = (0..16).map(|k| (std::f64::consts::TAU * f64::from(k) / 16.0).sin_cos());
-                points.extend(around.map(|(s, c)| middle + DVec3::new(s, 0.0, c) * radius));
+                points.extend(around.map(|(s, c)| middle + DVec3::new(s * radius - aside, 0.0, c * radius)));
             }
             for ring in 0..20 {
                 let at = |ring: u32, k: u32| first + 16 * ring + k % 16;
                 (0..16).for_each(|k| faces.push([at(ring, k), at(ring, k + 1), at(ring + 1, k + 1), at(ring + 1, k)]));
             }
         }
+        // Below the armpit the skin of both hangs together.
+        let at = |tube: u32, ring: u32, k: u32| 16 * (21 * tube + ring) + k;
+        faces.push([at(0, 4, 12), at(0, 5, 12), at(1, 13, 4)]);
         let arms = cut(&body, &points, &faces).is_some_and(|cuts| cuts.limbs.contains(&"left arm"));
         assert!(!arms);
     }

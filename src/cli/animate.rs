@@ -1,6 +1,6 @@
 //! The main job: read, decide, set up, run, sum up.
 
-use super::args::{Animate, Map, QualityArg};
+use super::args::{Animate, QualityArg};
 use super::articulate;
 use super::console::Console;
 use super::decisions::{
@@ -10,13 +10,14 @@ use super::decisions::{
 use super::grown::{self, Recut};
 use super::outputs;
 use super::picture::{self, Bound, Unbound};
+use super::proxies::{Made, body, map_of};
 use super::rig::Rig;
 use super::shells::{self, Examples};
 use crate::batch::record::Summary;
 use crate::binding::regions::Subject;
 use crate::binding::select::Hold;
 use crate::binding::{self, Binding, Limbs, Regions, Rules, ScanShape, Segment, driven, landmarks};
-use crate::cache::{Cache, Key};
+use crate::cache::Cache;
 use crate::capture::handles_csv::HandleTable;
 use crate::capture::resample::Sampling;
 use crate::capture::{self, Capture, ReadOptions, smooth};
@@ -29,9 +30,9 @@ use crate::export::{Cancel, FrameSink, Header};
 use crate::pipeline::grips::{self, Holding};
 use crate::pipeline::{self, Job, Progress};
 use crate::proxy::rows::HandleRows;
-use crate::proxy::{self, BuildOptions, Proxy, medit};
+use crate::proxy::{self, Proxy, medit};
 use crate::report::{self, ReportWriter};
-use crate::scan::{self, Faces, Scan, UnitBox};
+use crate::scan::{self, Scan, UnitBox};
 use crate::spatial::TriangleTree;
 use crate::surface::{Apart, SurfaceMap};
 use crate::words;
@@ -609,97 +610,6 @@ fn deformer(
         ..Options::default()
     };
     Ok((Box::new(Volumetric::with_oriented(proxy, handles, oriented, &options)?), notes))
-}
-
-/// A proxy, with the words of its line.
-struct Made {
-    proxy: Proxy,
-    /// The same as a shell, where frames are solved by one.
-    shell: Option<Body>,
-    words: String,
-    notes: Notes,
-    /// Where parts are joined that only touch.
-    joined: Vec<DVec3>,
-    /// Whether parts touch.
-    touching: bool,
-}
-
-/// The map from the proxy to the scan, from the cache where it is there.
-fn map_of(
-    args: &Animate,
-    cache: Option<&Cache>,
-    proxy: &Proxy,
-    points: &[DVec3],
-    faces: &Faces,
-    apart: Option<&Apart>,
-) -> Result<SurfaceMap> {
-    let of_proxy = |key: Key| {
-        key.plain(&proxy.rest).plain(&proxy.tets).plain(&proxy.boundary).plain(&proxy.boundary_tets).plain(&proxy.components)
-    };
-    let kind = if args.map == Map::Paper { "paper map" } else { "ring map" };
-    let key = || {
-        let key = of_proxy(Key::new(kind)).plain(points).plain(&faces.starts).plain(&faces.corners);
-        apart.iter().fold(key, |key, apart| key.plain(&apart.proxy).plain(&apart.points))
-    };
-    let build = || match apart {
-        Some(apart) => SurfaceMap::build_apart(proxy, points, faces, apart, args.map.into()),
-        None => SurfaceMap::build_by_pieces(proxy, points, faces, args.map.into()),
-    };
-    let Some((cache, key)) = cache.map(|cache| (cache, key())) else {
-        return build();
-    };
-    if let Some(map) = cache.get(&key) {
-        return Ok(map);
-    }
-    let map = build()?;
-    cache.keep(&key, &map);
-    Ok(map)
-}
-
-/// The proxy: built from the scan, or read from `--proxy`, or from the cache where it is there.
-#[allow(clippy::too_many_arguments)]
-fn body(
-    args: &Animate,
-    cache: Option<&Cache>,
-    scan: &Scan,
-    unit_box: UnitBox,
-    points: &[DVec3],
-    triangles: &[[u32; 3]],
-    examples: &Examples,
-    cancel: &Cancel,
-) -> Result<Made> {
-    if args.shells.are_chosen()? {
-        let mut body = shells::body(points, triangles, examples, args.proxy_vertices, &|| cancel.check())
-            .map_err(|e| if e.file.is_none() && e.kind != Kind::Interrupted { e.file(&scan.source) } else { e })?;
-        let (proxy, notes) = (body.proxy.clone(), std::mem::take(&mut body.notes));
-        let words = body.words();
-        return Ok(Made { proxy, shell: Some(body), words, notes, joined: Vec::new(), touching: false });
-    }
-    if let Some(path) = &args.proxy {
-        let (proxy, notes) = medit::read(path, &unit_box)?;
-        let line = format!(
-            "{}  {} vertices, {} tetrahedra",
-            file_name(path),
-            words::count(proxy.rest.len()),
-            words::count(proxy.tets.len())
-        );
-        return Ok(Made { proxy, shell: None, words: line, notes, joined: Vec::new(), touching: false });
-    }
-    let options =
-        BuildOptions { surface_vertices: args.proxy_vertices.map_or(BuildOptions::default().surface_vertices, |n| n as usize) };
-    let key = Key::new("proxy").plain(points).plain(triangles).plain(&[options.surface_vertices]);
-    if let Some((proxy, words, notes, joined, touching)) = cache.and_then(|cache| cache.get(&key)) {
-        return Ok(Made { proxy, shell: None, words, notes, joined, touching });
-    }
-    let built = proxy::build(points, triangles, &options, &|| cancel.check())
-        .map_err(|e| if e.file.is_none() && e.kind != Kind::Interrupted { e.file(&scan.source) } else { e })?;
-    let words = format!("{} · {}", built.summary.size(), built.summary.remarks());
-    let touching = built.summary.touching > 0;
-    let made = Made { proxy: built.proxy, shell: None, words, notes: built.notes, joined: built.joined, touching };
-    if let Some(cache) = cache {
-        cache.keep(&key, &(&made.proxy, &made.words, &made.notes, &made.joined, made.touching));
-    }
-    Ok(made)
 }
 
 #[allow(clippy::too_many_arguments)]

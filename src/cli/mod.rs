@@ -12,6 +12,7 @@ mod inspect;
 mod joints;
 mod outputs;
 mod picture;
+mod proxies;
 mod rig;
 mod shells;
 
