@@ -90,6 +90,8 @@ pub fn cut(body: &Body, points: &[DVec3], faces: &Faces) -> Option<Cuts> {
         points.iter().zip(&arms).map(|(&p, arm)| if *arm { Side::Neither } else { legs.side(p) }).collect();
     mesh.tidy(&mut sides);
     if mesh.part(&sides, body.up, LEAST * body.stature) {
+        // The feet go with their legs.
+        mesh.spread(&mut sides, |v| points[v].dot(body.up) < legs.crotch && !arms[v]);
         for v in (0..points.len()).filter(|&v| sides[v] != Side::Neither) {
             let away = if sides[v] == Side::Limb { legs.left } else { -legs.left };
             shift[v] = away * (SWING[1] * (legs.crotch - points[v].dot(body.up)).max(0.0));
@@ -333,8 +335,8 @@ impl<'a> Mesh<'a> {
         false
     }
 
-    /// Moves some vertices half way to the mean of their neighbours, again and again.
-    fn smooth(&self, moving: &[bool], shift: &mut [DVec3]) {
+    /// Edges of what stays, both ways, in their order.
+    fn edges(&self) -> Vec<(u32, u32)> {
         let mut edges: Vec<(u32, u32)> = Vec::new();
         for face in self.corners().map(|(_, face)| face).chain(self.added.iter().map(|t| &t[..])) {
             for (&a, &b) in face.iter().zip(face.iter().cycle().skip(1)) {
@@ -344,6 +346,28 @@ impl<'a> Mesh<'a> {
         }
         edges.sort_unstable();
         edges.dedup();
+        edges
+    }
+
+    /// Gives the side of their neighbours to those of neither side that pass.
+    fn spread(&self, sides: &mut [Side], passes: impl Fn(usize) -> bool) {
+        let edges = self.edges();
+        let mut open: Vec<u32> = (0..sides.len() as u32).filter(|&v| sides[v as usize] != Side::Neither).collect();
+        while let Some(v) = open.pop() {
+            let first = edges.partition_point(|e| e.0 < v);
+            for &(_, w) in edges[first..].iter().take_while(|e| e.0 == v) {
+                if sides[w as usize] == Side::Neither && passes(w as usize) {
+                    sides[w as usize] = sides[v as usize];
+                    open.push(w);
+                }
+            }
+        }
+        (0..sides.len()).for_each(|v| sides[v] = sides[self.place[v] as usize]);
+    }
+
+    /// Moves some vertices half way to the mean of their neighbours, again and again.
+    fn smooth(&self, moving: &[bool], shift: &mut [DVec3]) {
+        let edges = self.edges();
         let around: Vec<&[(u32, u32)]> =
             edges.chunk_by(|a, b| a.0 == b.0).filter(|around| moving[around[0].0 as usize]).collect();
         for _ in 0..SMOOTHING {
@@ -524,6 +548,20 @@ mod tests {
         assert!(cuts.shift[arm].x > 0.0 && cuts.shift[belly] == DVec3::ZERO);
         assert!(cuts.shift[legs.0].x > 0.0 && cuts.shift[legs.1].x < 0.0);
         assert_eq!(cuts.shift[nearest(DVec3::new(0.225, 1.38, 0.0))], DVec3::ZERO);
+    }
+
+    #[test]
+    fn what_hangs_on_a_side_goes_with_it() {
+        use Side::{Limb, Neither, Rest};
+        // Two strips; the last vertex of each may not pass.
+        let points: Vec<DVec3> = (0..10).map(|v| DVec3::new(f64::from(v % 5), f64::from(v / 5), 0.0)).collect();
+        let mut faces = Faces::default();
+        for strip in [0, 5] {
+            (strip..strip + 3).for_each(|v| faces.push([v, v + 1, v + 2]));
+        }
+        let mut sides = [Limb, Neither, Neither, Neither, Neither, Rest, Rest, Neither, Neither, Neither];
+        Mesh::new(&points, &faces).spread(&mut sides, |v| v % 5 != 4);
+        assert!(sides == [Limb, Limb, Limb, Limb, Neither, Rest, Rest, Rest, Rest, Neither]);
     }
 
     #[test]

@@ -49,6 +49,7 @@ impl Kind {
                 "the scan's limbs are stretched to the actor's lengths",
                 "distances along bones differ",
                 "tetrahedra still join them",
+                "cut apart where the joints tell",
                 "from its target",
             ],
             Self::Strain => &["distances along bones differ", "actor and scan differ in build"],
