@@ -116,6 +116,7 @@ pub fn stream(scan: &Path, capture: &Path, out: &Path, range: std::ops::Range<us
         sinks: vec![Box::new(BoxSink::new(out))],
         report: None,
         metres: None,
+        examples: &[],
         overlap: true,
     };
     pipeline::run(job, &|_| ())?;

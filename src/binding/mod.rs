@@ -11,6 +11,7 @@ mod corpus;
 mod decisions;
 pub mod driven;
 mod fit;
+pub mod grown;
 mod labels;
 pub mod landmarks;
 mod limbs;
@@ -290,10 +291,13 @@ impl Binding {
     }
 }
 
+/// Ends the warnings that stand in place of a refusal.
+pub const ACCEPTED: &str = "(accepted as it is)";
+
 /// Refuses, or warns where the user accepts doubtful input.
 fn refuse(error: Error, options: &Options, notes: &mut Notes) -> Result<()> {
     if options.accept_doubtful {
-        notes.warn(format!("{} (accepted as it is)", error.found));
+        notes.warn(format!("{} {ACCEPTED}", error.found));
         return Ok(());
     }
     let hint = match &error.hint {

@@ -17,6 +17,10 @@ const OFF_LINE: f64 = 0.05;
 /// Root mean square distance of the placed markers from their places, in diagonals of the scan: fine up to the first, refused beyond the
 /// second.
 const MISSES: (f64, f64) = (0.04, 0.10);
+/// Share of the most places seen at once from which a frame is looked at: one marker hidden in the scan's pose is no reason to take another pose.
+const SEEN: f64 = 0.75;
+/// Coordinates that a similarity fits whatever they are.
+const FREEDOM: f64 = 7.0;
 /// Frames looked at.
 const SAMPLES: usize = 300;
 
@@ -25,6 +29,8 @@ struct Placed {
     placement: Similarity,
     frame: usize,
     rms: f64,
+    /// The same per coordinate that the similarity leaves free, so that few markers do not fit better than many for being few.
+    error: f64,
     /// Farthest marker, with its distance.
     worst: (String, f64),
 }
@@ -46,9 +52,9 @@ fn by_places(scan: &ScanShape<'_>, take: &Take<'_>, pins: &[(usize, DVec3)], opt
     };
     let seen = |frame: usize| pins.iter().filter(|p| take.track.point(frame, p.0).is_some()).count();
     let most = frames.iter().map(|&f| seen(f)).max().unwrap_or(0);
-    let complete = frames.into_iter().filter(|&f| seen(f) == most);
-    let placed = complete.filter_map(|frame| placed(take, pins, frame, options.scale.map(|s| s / scan.unit_box.diagonal)));
-    let placed = placed.min_by(|a, b| a.rms.total_cmp(&b.rms)).ok_or_else(|| {
+    let enough = frames.into_iter().filter(|&f| seen(f) as f64 >= SEEN * most as f64);
+    let placed = enough.filter_map(|frame| placed(take, pins, frame, options.scale.map(|s| s / scan.unit_box.diagonal)));
+    let placed = placed.min_by(|a, b| a.error.total_cmp(&b.error)).ok_or_else(|| {
         Error::refused(format!(
             "[markers] of the rig file gives {most} places of markers that are there at once, or they lie on a line"
         ))
@@ -101,7 +107,14 @@ fn placed(take: &Take<'_>, pins: &[(usize, DVec3)], frame: usize, scale: Option<
     let worst = misses().max_by(|a, b| a.1.total_cmp(&b.1))?;
     let rms = (misses().map(|m| m.1 * m.1).sum::<f64>() / count).sqrt();
     let placement = Similarity { mirror: take.track.mirror, ..placement };
-    (scale > 0.0 && rms.is_finite()).then(|| Placed { placement, frame, rms, worst: (take.label(worst.0).to_owned(), worst.1) })
+    let error = rms * (3.0 * count / (3.0 * count - FREEDOM)).sqrt();
+    (scale > 0.0 && rms.is_finite()).then(|| Placed {
+        placement,
+        frame,
+        rms,
+        error,
+        worst: (take.label(worst.0).to_owned(), worst.1),
+    })
 }
 
 /// Whether points do not lie on a line.

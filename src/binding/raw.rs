@@ -135,7 +135,9 @@ pub(super) fn bind_placed(
     let mut handles = Vec::new();
     let mut unbound = Vec::new();
     for (marker, label) in take.track.take.labels.iter().enumerate() {
-        let Some(point) = take.track.take.point(frame, marker) else {
+        // A place that is given needs no frame.
+        let point = take.track.take.point(frame, marker);
+        let Some(attachment) = options.pinned(label).or(point.map(|p| placement.apply(p))) else {
             unbound.push((label.clone(), "not there in the reference frame".to_owned()));
             continue;
         };
@@ -143,7 +145,6 @@ pub(super) fn bind_placed(
             unbound.push((label.clone(), "left out by the rig file".to_owned()));
             continue;
         }
-        let attachment = options.pinned(label).unwrap_or_else(|| placement.apply(point));
         match outside(scan, attachment) {
             Some(far) => {
                 unbound.push((label.clone(), format!("{:.1} % of the diagonal outside the scan", 100.0 * far)));

@@ -557,6 +557,27 @@ fn a_thing_is_placed_by_the_places_that_the_user_gives_for_some_of_its_markers()
 }
 
 #[test]
+fn a_marker_that_is_hidden_in_the_pose_of_the_scan_does_not_lead_to_another_pose() {
+    let person = person(0.75);
+    let given = ["nose", "withers", "hoof_1", "hoof_2", "tail"];
+    let labels = labels_of(&given);
+    let on = landmarks_of(&person, &labels_of(&["LFHD", "LASI", "LANK", "RWRA", "RTOE"]));
+    let rest: Vec<DVec3> = on.iter().map(|o| o.place).collect();
+    let pin = |(word, &p): (&&str, &DVec3)| (word.to_string(), Marker::At(p));
+    let options = Options { markers: given.iter().zip(&rest).map(pin).collect(), ..Options::default() };
+    // All are seen with the head down only; in the pose of the scan the tail is hidden.
+    let bent = rest.iter().enumerate().map(|(i, &p)| if i == 0 { p - DVec3::Y * 0.12 } else { p }).collect();
+    let mut hidden = rest.clone();
+    hidden[4] = DVec3::NAN;
+    let capture = take(&person, &labels, &[bent, hidden], 2.1, 0.0);
+    let space = Space::default();
+    let scan = ScanShape { tree: &person.tree, unit_box: person.unit_box, space: &space, mesh: None };
+    let binding = bind(&scan, Err(NotHuman::default()), &capture, None, &options, &|_, _| Ok(())).unwrap();
+    assert_eq!(binding.decisions.reference_frame, 2);
+    assert_eq!((binding.handles.len(), binding.handles[4].attachment), (5, rest[4]));
+}
+
+#[test]
 fn places_that_do_not_tell_how_a_thing_lies_are_refused() {
     let person = person(0.75);
     let labels = labels_of(&["a", "b", "c", "d"]);

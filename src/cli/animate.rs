@@ -100,7 +100,9 @@ impl Setup {
         let mut outcome = result.map_err(|e| interrupted_where(e, &progress, header.frames))?;
 
         let folding = if args.shells.are_chosen()? { shells::FOLDING } else { FOLDING };
-        let texts = outcome_warnings(&outcome, self.unit_box.diagonal, metres, folding);
+        let names: Vec<&str> =
+            self.handles.iter().map(|h| h.name.as_str()).chain(self.oriented.iter().map(|h| h.name.as_str())).collect();
+        let texts = outcome_warnings(&outcome, &names, self.unit_box.diagonal, metres, folding);
         texts.iter().chain(&args.shells.weight_warnings(&outcome, &self.examples.names)).for_each(|text| {
             console.warning(text);
             self.warnings.push(text.clone());
@@ -112,8 +114,6 @@ impl Setup {
             report.finish(&outcome.written, metres, &self.warnings)?;
         }
         let total = self.start.elapsed().as_secs_f64();
-        let names: Vec<&str> =
-            self.handles.iter().map(|h| h.name.as_str()).chain(self.oriented.iter().map(|h| h.name.as_str())).collect();
         console.station("done", &done_line(&outcome, total, &names, metres, self.unit_box.diagonal));
         let [solve, map, write] = outcome.stage_ms.map(|ms| ms / outcome.frames.max(1) as f64);
         console.detail(&format!(

@@ -202,9 +202,27 @@ pub(super) fn solve_line(args: &Animate) -> String {
 /// What a frame with a fold is.
 pub(super) const FOLDING: &str = "more than 10 tetrahedra are inside out there";
 
-/// Warnings about the frames, one per kind. `folding`: what a frame with a fold is.
-pub(super) fn outcome_warnings(outcome: &Outcome, diagonal: f64, metres: Option<f64>, folding: &str) -> Vec<String> {
+/// A handle that stays farther from its target than this, in diagonals, is not followed.
+const LEFT: f64 = 0.03;
+
+/// Warnings about the frames, one per kind. `names` of the handles; `folding`: what a frame with a fold is.
+pub(super) fn outcome_warnings(
+    outcome: &Outcome,
+    names: &[&str],
+    diagonal: f64,
+    metres: Option<f64>,
+    folding: &str,
+) -> Vec<String> {
     let mut texts = Vec::new();
+    if let Some((worst, handle, frame)) = outcome.worst
+        && worst > LEFT * diagonal * metres.map_or(1.0, |m| 1e3 * m)
+    {
+        texts.push(format!(
+            "{} stays {} from its target in frame {frame}: the scan does not follow the capture there",
+            names[handle],
+            residual_words(worst, metres)
+        ));
+    }
     if outcome.held.count() > 0 {
         texts.push(format!("{} without any marker: the pose was held", outcome.held));
     }

@@ -1,19 +1,20 @@
 //! Everything of the main job that is decided and computed before the first frame.
 
-use super::args::{Animate, Map, QualityArg};
+use super::args::{Animate, QualityArg};
 use super::captures::{Captures, is_table, read_captures, resample};
 use super::console::Console;
 use super::decisions::{
     bind_line, binding_details, capture_line, cut, file_name, repair_details, repairs_json, scan_line, solve_line, unbound,
 };
+use super::grown::{self, Recut};
 use super::picture::{self, Bound, Unbound};
+use super::proxies::{Made, body, map_of};
 use super::rig::Rig;
 use super::shells::{self, Examples};
-use crate::binding::landmarks::Floor;
 use crate::binding::regions::Subject;
 use crate::binding::select::Hold;
 use crate::binding::{self, Binding, Limbs, Regions, Rules, ScanShape, Segment, driven, landmarks};
-use crate::cache::{Cache, Key};
+use crate::cache::Cache;
 use crate::capture::{Capture, smooth};
 use crate::deform::shells::{Body, Shells, SurfaceRows};
 use crate::deform::volumetric::{Options, Volumetric};
@@ -24,10 +25,10 @@ use crate::export::files::Pending;
 use crate::pipeline;
 use crate::pipeline::grips::{self, Holding};
 use crate::proxy::rows::HandleRows;
-use crate::proxy::{self, BuildOptions, Proxy, medit};
-use crate::scan::{self, Faces, Scan, UnitBox};
+use crate::proxy::{self, Proxy, medit};
+use crate::scan::{self, Scan, UnitBox};
 use crate::spatial::TriangleTree;
-use crate::surface::SurfaceMap;
+use crate::surface::{Apart, SurfaceMap};
 use crate::words;
 use glam::DVec3;
 use serde_json::Value;
@@ -88,21 +89,31 @@ impl Setup {
             || body(args, cache.as_ref(), &scan, unit_box, &points, &triangles, &examples, cancel),
             || bind(args, &scan, unit_box, &points, &triangles, &mut captures, &rig, (console, cancel)),
         );
-        let (mut binding, floor) = match bound {
+        let (mut binding, found) = match bound {
             Err(error) if matches!(error.kind, Kind::Refused | Kind::Ambiguous) && args.picture.is_some() => {
                 show_unbound(args, console, &scan, &points, &triangles, &captures.capture)?;
                 return Err(error);
             }
             bound => bound?,
         };
-        let (scan, triangles, built) = match floor {
-            Some(floor) => {
-                let without = without_floor(&scan, unit_box, &floor, &mut binding.notes);
-                let triangles = without.mesh.vertex_triangles();
-                let built = body(args, cache.as_ref(), &without, unit_box, &points, &triangles, &examples, cancel);
-                (without, triangles, built)
+        let recut = found.and_then(|found| grown::recut(args, &scan, unit_box, &points, &found, &mut binding.notes));
+        let (scan, triangles, built, apart) = match recut {
+            Some(Recut { scan, shift }) => {
+                let triangles = scan.mesh.vertex_triangles();
+                let moved = shift.as_deref().map(|shift| grown::moved(&points, shift));
+                let points = moved.as_ref().unwrap_or(&points);
+                let mut built = body(args, cache.as_ref(), &scan, unit_box, points, &triangles, &examples, cancel);
+                let apart = match (&shift, &mut built) {
+                    (Some(shift), Ok(made)) => {
+                        made.touching = true;
+                        let proxy = proxy::carry_back(&mut made.proxy, points, &triangles, shift);
+                        Some(Apart { proxy, points: points.clone() })
+                    }
+                    _ => None,
+                };
+                (scan, triangles, built, apart)
             }
-            None => (scan, triangles, built),
+            None => (scan, triangles, built, None),
         };
         let (mut capture, reference) = (captures.capture, captures.reference);
         console.station("scan", &scan_line(args, &scan, &binding));
@@ -161,7 +172,7 @@ impl Setup {
         let (map, deformer) = rayon::join(
             || match &shell {
                 Some(body) => Ok(SurfaceMap::build_for_shell(body, &points, &scan.mesh.faces, &examples.poses)),
-                None => map_of(args, cache.as_ref(), &proxy, &points, &scan.mesh.faces),
+                None => map_of(args, cache.as_ref(), &proxy, &points, &scan.mesh.faces, apart.as_ref()),
             },
             || deformer(args, &proxy, shell.as_ref(), &handles, &oriented, &regions),
         );
@@ -369,83 +380,6 @@ fn deformer(
     Ok((Box::new(Volumetric::with_oriented(proxy, handles, oriented, &options)?), notes))
 }
 
-/// A proxy, with the words of its line.
-struct Made {
-    proxy: Proxy,
-    /// The same as a shell, where frames are solved by one.
-    shell: Option<Body>,
-    words: String,
-    notes: Notes,
-    /// Where parts are joined that only touch.
-    joined: Vec<DVec3>,
-    /// Whether parts touch.
-    touching: bool,
-}
-
-/// The map from the proxy to the scan, from the cache where it is there.
-fn map_of(args: &Animate, cache: Option<&Cache>, proxy: &Proxy, points: &[DVec3], faces: &Faces) -> Result<SurfaceMap> {
-    let of_proxy = |key: Key| {
-        key.plain(&proxy.rest).plain(&proxy.tets).plain(&proxy.boundary).plain(&proxy.boundary_tets).plain(&proxy.components)
-    };
-    let kind = if args.map == Map::Paper { "paper map" } else { "ring map" };
-    let key = || of_proxy(Key::new(kind)).plain(points).plain(&faces.starts).plain(&faces.corners);
-    let Some((cache, key)) = cache.map(|cache| (cache, key())) else {
-        return SurfaceMap::build_by_pieces(proxy, points, faces, args.map.into());
-    };
-    if let Some(map) = cache.get(&key) {
-        return Ok(map);
-    }
-    let map = SurfaceMap::build_by_pieces(proxy, points, faces, args.map.into())?;
-    cache.keep(&key, &map);
-    Ok(map)
-}
-
-/// The proxy: built from the scan, or read from `--proxy`, or from the cache where it is there.
-#[allow(clippy::too_many_arguments)]
-fn body(
-    args: &Animate,
-    cache: Option<&Cache>,
-    scan: &Scan,
-    unit_box: UnitBox,
-    points: &[DVec3],
-    triangles: &[[u32; 3]],
-    examples: &Examples,
-    cancel: &Cancel,
-) -> Result<Made> {
-    if args.shells.are_chosen()? {
-        let mut body = shells::body(points, triangles, examples, args.proxy_vertices, &|| cancel.check())
-            .map_err(|e| if e.file.is_none() && e.kind != Kind::Interrupted { e.file(&scan.source) } else { e })?;
-        let (proxy, notes) = (body.proxy.clone(), std::mem::take(&mut body.notes));
-        let words = body.words();
-        return Ok(Made { proxy, shell: Some(body), words, notes, joined: Vec::new(), touching: false });
-    }
-    if let Some(path) = &args.proxy {
-        let (proxy, notes) = medit::read(path, &unit_box)?;
-        let line = format!(
-            "{}  {} vertices, {} tetrahedra",
-            file_name(path),
-            words::count(proxy.rest.len()),
-            words::count(proxy.tets.len())
-        );
-        return Ok(Made { proxy, shell: None, words: line, notes, joined: Vec::new(), touching: false });
-    }
-    let options =
-        BuildOptions { surface_vertices: args.proxy_vertices.map_or(BuildOptions::default().surface_vertices, |n| n as usize) };
-    let key = Key::new("proxy").plain(points).plain(triangles).plain(&[options.surface_vertices]);
-    if let Some((proxy, words, notes, joined, touching)) = cache.and_then(|cache| cache.get(&key)) {
-        return Ok(Made { proxy, shell: None, words, notes, joined, touching });
-    }
-    let built = proxy::build(points, triangles, &options, &|| cancel.check())
-        .map_err(|e| if e.file.is_none() && e.kind != Kind::Interrupted { e.file(&scan.source) } else { e })?;
-    let words = format!("{} · {}", built.summary.size(), built.summary.remarks());
-    let touching = built.summary.touching > 0;
-    let made = Made { proxy: built.proxy, shell: None, words, notes: built.notes, joined: built.joined, touching };
-    if let Some(cache) = cache {
-        cache.keep(&key, &(&made.proxy, &made.words, &made.notes, &made.joined, made.touching));
-    }
-    Ok(made)
-}
-
 #[allow(clippy::too_many_arguments)]
 fn bind(
     args: &Animate,
@@ -456,7 +390,7 @@ fn bind(
     captures: &mut Captures,
     rig: &Rig,
     (console, cancel): (&Console, &Cancel),
-) -> Result<(Binding, Option<Floor>)> {
+) -> Result<(Binding, Option<landmarks::Body>)> {
     let mut notes = Notes::default();
     let options = rig.options(args, scan, unit_box, &mut notes)?;
     let places = rig.landmarks(scan, unit_box)?;
@@ -464,7 +398,8 @@ fn bind(
         Some(body) => Ok(body),
         None => landmarks::told(landmarks::find(points, triangles), &places, points),
     };
-    let floor = body.as_ref().ok().and_then(|body| body.floor);
+    let found = body.as_ref().ok().cloned();
+    let floor = found.as_ref().and_then(|body| body.floor);
     let centre = |t: &[u32; 3]| t.iter().map(|&v| points[v as usize]).sum::<DVec3>() / 3.0;
     let tree = match floor {
         Some(floor) => {
@@ -489,21 +424,16 @@ fn bind(
             bound.map_err(|e| if e.file.is_none() && e.kind != Kind::Interrupted { e.file(&scan.source) } else { e })?
         }
     };
+    if is_table(&args.capture) && args.scale.is_some() {
+        notes.warn("--scale is not used with a table of handles: its places are those of the scan");
+    }
+    if args.accept_doubtful && !binding.notes.iter().any(|text| text.contains(binding::ACCEPTED)) {
+        notes.warn("--accept-doubtful changed nothing: there was nothing to refuse");
+    }
     notes.iter().for_each(|text| binding.notes.warn(text));
     let holds: Vec<Hold> = args.hold.iter().chain(&args.hold_exact).cloned().collect();
     for table in &captures.tables {
         driven::add_handles(&shape, &mut captures.capture, &mut binding, table, &holds)?;
     }
-    Ok((binding, floor))
-}
-
-/// The scan without the floor that has grown together with the feet: it would move and tear with them.
-fn without_floor(scan: &Scan, unit_box: UnitBox, floor: &Floor, notes: &mut Notes) -> Scan {
-    let without =
-        scan.with_faces(|corners| !floor.holds(unit_box.enter(corners.iter().sum::<DVec3>() / corners.len().max(1) as f64)));
-    notes.warn(format!(
-        "the feet have grown together with a flat floor: its {} are left out, and what is written has no floor",
-        words::plural(scan.mesh.faces.len() - without.mesh.faces.len(), "face")
-    ));
-    without
+    Ok((binding, found))
 }

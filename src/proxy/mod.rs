@@ -3,6 +3,7 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
+mod apart;
 mod build;
 mod canonical;
 mod caps;
@@ -30,6 +31,7 @@ mod tests;
 mod tetrahedra;
 mod weld;
 
+pub use apart::carry_back;
 pub use build::{BuildOptions, Built, Form, Summary, build};
 
 /// A tetrahedral body around or inside a scan, in the unit box of the scan (see [`crate::scan::UnitBox`]).

@@ -109,7 +109,7 @@ pub struct Scan {
 impl Scan {
     /// The scan with the faces that pass, by the positions of their corners, and all its vertices.
     pub fn with_faces(&self, passes: impl Fn(&[DVec3]) -> bool) -> Self {
-        let Self { mesh, look, .. } = self;
+        let mesh = &self.mesh;
         let mut corners = Vec::new();
         let kept: Vec<usize> = (0..mesh.faces.len())
             .filter(|&f| {
@@ -118,15 +118,34 @@ impl Scan {
                 passes(&corners)
             })
             .collect();
+        self.recut(&kept, &[])
+    }
+
+    /// The scan with some of its faces, rising, and triangles over its vertices that look like the first face kept at each corner.
+    pub fn recut(&self, kept: &[usize], added: &[[u32; 3]]) -> Self {
+        let Self { mesh, look, .. } = self;
         let mut faces = Faces::default();
         kept.iter().for_each(|&f| faces.push(mesh.faces.face(f).iter().copied()));
+        let mut first = vec![None; if added.is_empty() { 0 } else { mesh.positions.len() }];
+        for &f in kept.iter().rev().filter(|_| !added.is_empty()) {
+            mesh.faces.range(f).for_each(|corner| first[mesh.faces.corners[corner] as usize] = Some((f, corner)));
+        }
+        added.iter().for_each(|t| faces.push(*t));
         // Arrays are empty where the file has nothing of the kind.
-        let of_corners =
-            |all: &[u32]| kept.iter().flat_map(|&f| all.get(mesh.faces.range(f)).unwrap_or_default()).copied().collect();
-        let of_faces = |all: &[u32]| kept.iter().filter_map(|&f| all.get(f)).copied().collect();
+        let of_corners = |all: &[u32], new: bool| -> Vec<u32> {
+            let old = kept.iter().flat_map(|&f| all.get(mesh.faces.range(f)).unwrap_or_default()).copied();
+            let like = |v: &u32| first[*v as usize].filter(|_| new).map_or(NONE, |(_, corner): (usize, usize)| all[corner]);
+            let added = added.iter().flatten().filter(|_| !all.is_empty()).map(like);
+            old.chain(added).collect()
+        };
+        let of_faces = |all: &[u32]| -> Vec<u32> {
+            let like = |t: &[u32; 3]| t.iter().find_map(|&v| first[v as usize]).map_or(NONE, |(f, _)| all[f]);
+            let added = added.iter().filter(|_| !all.is_empty()).map(like);
+            kept.iter().filter_map(|&f| all.get(f)).copied().chain(added).collect()
+        };
         let look = Appearance {
-            corner_uvs: of_corners(&look.corner_uvs),
-            corner_normals: of_corners(&look.corner_normals),
+            corner_uvs: of_corners(&look.corner_uvs, true),
+            corner_normals: of_corners(&look.corner_normals, false),
             face_materials: of_faces(&look.face_materials),
             face_groups: of_faces(&look.face_groups),
             ..look.clone()

@@ -32,6 +32,15 @@ pub struct SurfaceMap {
     kind: Kind,
 }
 
+/// Proxy and scan at rest with parts that touch held apart.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Apart {
+    /// Vertices of the proxy.
+    pub proxy: Vec<DVec3>,
+    /// Vertices of the scan.
+    pub points: Vec<DVec3>,
+}
+
 #[derive(Clone, Debug, Serialize, Deserialize)]
 enum Kind {
     Ring(ring::RingMap),
@@ -43,17 +52,22 @@ impl SurfaceMap {
     ///
     /// Errors: a proxy without boundary; a point that is not finite.
     pub fn build(proxy: &Proxy, points: &[DVec3], kind: MapKind) -> Result<Self> {
-        Self::build_with(proxy, points, None, kind)
+        Self::build_with(proxy, points, None, None, kind)
     }
 
     /// Builds the map so that small loose pieces (hair, lashes, debris: smaller than 5 % of the diagonal and off the body) move as one:
     /// all their vertices follow the place where the piece is nearest. Where parts touch or overlap at rest (an arm against the trunk), vertices
     /// follow the part that the skin around them follows ([`MapKind::Ring`]). `faces` are the scan's, over `points`.
     pub fn build_by_pieces(proxy: &Proxy, points: &[DVec3], faces: &Faces, kind: MapKind) -> Result<Self> {
-        Self::build_with(proxy, points, Some(faces), kind)
+        Self::build_with(proxy, points, Some(faces), None, kind)
     }
 
-    fn build_with(proxy: &Proxy, points: &[DVec3], faces: Option<&Faces>, kind: MapKind) -> Result<Self> {
+    /// The same where it is known how parts that touch are held apart: each vertex follows what it is nearest to then ([`MapKind::Ring`]).
+    pub fn build_apart(proxy: &Proxy, points: &[DVec3], faces: &Faces, apart: &Apart, kind: MapKind) -> Result<Self> {
+        Self::build_with(proxy, points, Some(faces), Some(apart), kind)
+    }
+
+    fn build_with(proxy: &Proxy, points: &[DVec3], faces: Option<&Faces>, apart: Option<&Apart>, kind: MapKind) -> Result<Self> {
         if proxy.boundary.is_empty() {
             return Err(Error::refused("the proxy has no boundary"));
         }
@@ -61,7 +75,7 @@ impl SurfaceMap {
             return Err(Error::malformed("a coordinate that is not a finite number").at(format!("vertex {}", v + 1)));
         }
         let kind = match kind {
-            MapKind::Ring => Kind::Ring(ring::RingMap::build(proxy, points, faces)),
+            MapKind::Ring => Kind::Ring(ring::RingMap::build(proxy, points, faces, apart)),
             MapKind::Paper => Kind::Paper(paper::PaperMap::build(proxy, points)),
         };
         Ok(Self { kind })

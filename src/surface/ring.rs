@@ -3,6 +3,7 @@
 mod sheets;
 mod weights;
 
+use super::Apart;
 use super::apply::{Avx2, Indices, Pool, chunks, pack};
 use super::pieces::loose_pieces;
 use crate::linalg::SparseRow;
@@ -39,9 +40,9 @@ struct Pairs {
 }
 
 impl RingMap {
-    pub(super) fn build(proxy: &Proxy, points: &[DVec3], faces: Option<&Faces>) -> Self {
+    pub(super) fn build(proxy: &Proxy, points: &[DVec3], faces: Option<&Faces>, apart: Option<&Apart>) -> Self {
         let maps = RingMaps::new(proxy);
-        let mut feet = weights::feet(proxy, points);
+        let mut feet = apart.map_or_else(|| weights::feet(proxy, points), |apart| weights::feet_apart(proxy, points, apart));
         if let Some(faces) = faces {
             sheets::keep_to_own_part(proxy, maps.centres(), points, faces, &mut feet);
             for piece in loose_pieces(points, faces, |v| feet[v].distance) {

@@ -35,6 +35,11 @@ pub const BONES: [&str; 12] = [
     "foot.R",
 ];
 
+/// Least cosine between an arm that hangs and the trunk.
+const HANGS: f64 = 0.95;
+/// Hands are looked for so much farther than they were found to reach: finger tips that lie against a thigh are found to 6 % of stature.
+const HAND: f64 = 1.6;
+
 /// Points of a capture for the twelve joints: the mean of some of its points, `None` where the set has none.
 pub struct Points(Vec<Vec<usize>>);
 
@@ -86,16 +91,28 @@ pub struct Posed {
 impl Shafts {
     /// `joints`: the twelve, in the space of the scan; `tips` of the hands, left and right: hands that hang beside the thighs are no thighs.
     pub fn new(rest: &[DVec3], joints: [DVec3; 12], tips: [DVec3; 2], stature: f64) -> Self {
+        let nearest = |p: DVec3, limb: usize| {
+            let (a, b) = (joints[LIMBS[limb].0], joints[LIMBS[limb].1]);
+            a.lerp(b, ((p - a).dot(b - a) / (b - a).length_squared()).clamp(0.0, 1.0))
+        };
         let near = |p: DVec3, limb: usize| {
             let (a, b) = (joints[LIMBS[limb].0], joints[LIMBS[limb].1]);
             (to_line(p, a, b), (p - a).dot(b - a) / (b - a).length_squared())
         };
+        // Of an arm along the trunk only what looks away from it is surely the arm's.
+        let axis = (joints[0] + joints[6] - joints[3] - joints[9]).normalize();
+        let outwards = [joints[0] - joints[6], joints[6] - joints[0]].map(|side| side.normalize());
+        let hanging = [0, 6].map(|side| (joints[side] - joints[side + 2]).normalize().dot(axis) > HANGS);
         let mut skin: [Vec<usize>; 8] = Default::default();
         for (v, &p) in rest.iter().enumerate() {
             let all = [0, 1, 2, 3, 4, 5, 6, 7].map(|limb| near(p, limb));
             let limb = (0..8).min_by(|&a, &b| all[a].0.total_cmp(&all[b].0)).unwrap();
-            let hand = (0..2).map(|side| to_line(p, joints[6 * side + 2], tips[side])).fold(f64::INFINITY, f64::min);
+            let ends = (0..2).map(|side| (joints[6 * side + 2], tips[side]));
+            let hand = ends.map(|(wrist, tip)| to_line(p, wrist, wrist.lerp(tip, HAND))).fold(f64::INFINITY, f64::min);
             let reach = if limb % 4 < 2 { 0.05 } else { 0.08 };
+            if hanging[limb / 4] && limb % 4 < 2 && (p - nearest(p, limb)).dot(outwards[limb / 4]) < 0.0 {
+                continue;
+            }
             if hand > all[limb].0.min(0.06 * stature) && (0.25..0.75).contains(&all[limb].1) && all[limb].0 < reach * stature {
                 skin[limb].push(v);
             }

@@ -14,6 +14,7 @@ mod common;
 mod limbs;
 mod pairs;
 mod variations;
+mod verdict;
 
 use rayon::prelude::*;
 use retarget::capture::{self, ReadOptions};

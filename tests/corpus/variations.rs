@@ -3,6 +3,7 @@
 
 use super::common;
 use super::pairs::{self, Body, Row, Take};
+use super::verdict::doubts_who_is_who;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 use retarget::capture::{self, MarkerTake, ReadOptions};
@@ -304,7 +305,7 @@ fn takes_and_scans_as_others_deliver_them_are_right_or_not_silent() {
     for (name, row) in &rows {
         print!("| {name} ");
         pairs::print(row);
-        let told: Vec<&String> = row.warnings.iter().filter(|w| pairs::tells(w)).collect();
+        let told: Vec<&String> = row.warnings.iter().filter(|w| doubts_who_is_who(w)).collect();
         if !row.wrong.is_empty() || name.contains('!') {
             println!("{told:?}");
         }
@@ -312,6 +313,6 @@ fn takes_and_scans_as_others_deliver_them_are_right_or_not_silent() {
     pairs::sum("variations", rows.iter().map(|(_, row)| row));
     // What has no right answer is never taken without a word.
     for (name, row) in rows.iter().filter(|(name, _)| name.contains('!')) {
-        assert!(row.refused.is_some() || row.warnings.iter().any(|w| pairs::tells(w)), "{name}: {:?}", row.warnings);
+        assert!(row.refused.is_some() || row.warnings.iter().any(|w| doubts_who_is_who(w)), "{name}: {:?}", row.warnings);
     }
 }

@@ -3,8 +3,8 @@
 use super::{Driven, Stage};
 use crate::binding::rig::mechanism::FromSection;
 use crate::capture::{Capture, MarkerTake};
-use crate::cli::captures::{Captures, is_table};
 use crate::cli::args::Align;
+use crate::cli::captures::{Captures, is_table};
 use crate::deform::Handle;
 use crate::error::{Error, Kind, Notes, Result};
 use crate::spatial::TriangleTree;

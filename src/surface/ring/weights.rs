@@ -4,6 +4,7 @@
 //! fixed radius. Around the foot point, not the vertex: debris far off the body would else take thousands of faces. The fade keeps an arm
 //! from following the trunk beside it.
 
+use super::super::Apart;
 use super::super::apply::Indices;
 use super::Pairs;
 use crate::proxy::Proxy;
@@ -37,6 +38,18 @@ pub(super) fn feet(proxy: &Proxy, points: &[DVec3]) -> Vec<Foot> {
         Foot { face: c.triangle as u32, point: c.point, distance: c.distance }
     };
     points.par_iter().with_min_len(1024).map(foot).collect()
+}
+
+/// The same, on the part that is nearest while parts are apart.
+pub(super) fn feet_apart(proxy: &Proxy, points: &[DVec3], apart: &Apart) -> Vec<Foot> {
+    let tree = TriangleTree::new(&apart.proxy, &proxy.boundary);
+    let foot = |(&p, moved): (&DVec3, &DVec3)| {
+        let c = tree.closest(*moved).expect("a boundary of finite triangles has a point nearest to a finite query");
+        let corners = proxy.boundary[c.triangle];
+        let point: DVec3 = corners.iter().zip(c.barycentric).map(|(&v, w)| proxy.rest[v as usize] * w).sum();
+        Foot { face: c.triangle as u32, point, distance: p.distance(point) }
+    };
+    points.par_iter().zip(&apart.points).with_min_len(1024).map(foot).collect()
 }
 
 pub(super) fn pairs(proxy: &Proxy, centres: &[DVec3], feet: &[Foot]) -> Pairs {
