@@ -170,6 +170,24 @@ fn outputs_are_the_same_bytes_for_any_number_of_threads() {
 }
 
 #[test]
+fn what_set_up_computes_of_a_shell_is_kept_and_other_examples_are_another_one() {
+    let folder = folder();
+    let run = |examples: &[&str], cache: bool| {
+        let fixed = ["arm.obj", "take.csv", "--force", "-o", "out.pc2", "--proxy-vertices", "300", "--examples"];
+        let cache: &[&str] = if cache { &["--cache", "kept"] } else { &[] };
+        retarget_ok(folder.path(), fixed.iter().chain(examples).chain(cache));
+        std::fs::read(folder.path().join("out.pc2")).unwrap()
+    };
+    let kept = || std::fs::read_dir(folder.path().join("kept")).unwrap().count();
+    let (both, one) = (["elbow.obj", "shoulder.obj"], ["elbow.obj"]);
+    let expected = [run(&both, false), run(&one, false)];
+    assert!(run(&both, true) == expected[0]);
+    let first = kept();
+    assert!(run(&both, true) == expected[0] && kept() == first && first >= 2, "{first} files");
+    assert!(run(&one, true) == expected[1] && kept() > first);
+}
+
+#[test]
 fn a_pose_of_another_mesh_is_refused_with_what_differs() {
     let folder = folder();
     let at = |name: &str| folder.path().join(name);
@@ -185,6 +203,8 @@ fn a_pose_of_another_mesh_is_refused_with_what_differs() {
         (vec!["--examples", "none.obj"], vec!["none.obj"], 1),
         (vec!["--examples", "elbow.obj", "--method", "volumetric"], vec!["--method volumetric"], 2),
         (vec!["--method", "shells", "--proxy", "p.mesh"], vec!["--proxy"], 2),
+        (vec!["--method", "shells", "--map", "paper"], vec!["--map paper with shells"], 2),
+        (vec!["--method", "shells", "--solve-tolerance", "1e-6"], vec!["--solve-tolerance with shells", "--quality"], 2),
         (vec!["--thickness", "1"], vec!["--thickness without shells"], 2),
         (vec!["--shell-weights", "paper"], vec!["--shell-weights without shells"], 2),
         (vec!["--example-scale", "auto"], vec!["--example-scale without examples"], 2),

@@ -56,7 +56,11 @@ pub(super) fn run(args: &Animate, console: &Console, cancel: Cancel) -> Result<F
     let threads = args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
     pool.map_err(|e| Error::new(Kind::Usage, format!("cannot start {threads} threads: {e}")).hint("--threads 1"))?;
-    args.shells.check(args.proxy.is_some())?;
+    args.shells.check(&[
+        (args.proxy.is_some(), "--proxy", "--proxy-vertices N"),
+        (args.map == Map::Paper, "--map paper", "leave it out: a shell has one map"),
+        (args.solve_tolerance.is_some(), "--solve-tolerance", "--quality"),
+    ])?;
     let sinks = outputs::sinks(args)?;
     let setup = if articulate::applies(args)? {
         articulate::not_used(args)?;
@@ -191,7 +195,7 @@ impl Setup {
         }
         let (map, deformer) = rayon::join(
             || match &shell {
-                Some(body) => Ok(SurfaceMap::build_for_shell(body, &points, &scan.mesh.faces, &examples.poses)),
+                Some(body) => Ok(map_of_shell(cache.as_ref(), body, &points, &scan.mesh.faces, &examples)),
                 None => map_of(args, cache.as_ref(), &proxy, &points, &scan.mesh.faces),
             },
             || deformer(args, &proxy, shell.as_ref(), &handles, &oriented, &regions),
@@ -632,6 +636,42 @@ fn map_of(args: &Animate, cache: Option<&Cache>, proxy: &Proxy, points: &[DVec3]
     Ok(map)
 }
 
+/// The coarse mesh of a shell, from the cache where it is there.
+fn shell_of(
+    args: &Animate,
+    cache: Option<&Cache>,
+    points: &[DVec3],
+    triangles: &[[u32; 3]],
+    examples: &Examples,
+    cancel: &Cancel,
+) -> Result<Body> {
+    let key = Key::new("shell").plain(points).plain(triangles).plain(&[args.proxy_vertices.unwrap_or(0)]);
+    let key = examples.poses.iter().fold(key, |key, pose| key.plain(pose));
+    if let Some(body) = cache.and_then(|cache| cache.get(&key)) {
+        return Ok(body);
+    }
+    let body = shells::body(points, triangles, examples, args.proxy_vertices, &|| cancel.check())?;
+    if let Some(cache) = cache {
+        cache.keep(&key, &body);
+    }
+    Ok(body)
+}
+
+/// The map from a shell to the scan, from the cache where it is there.
+fn map_of_shell(cache: Option<&Cache>, body: &Body, points: &[DVec3], faces: &Faces, examples: &Examples) -> SurfaceMap {
+    let key = Key::new("shell map").plain(&body.proxy.rest).plain(&body.proxy.boundary).plain(&body.places).plain(&body.roots);
+    let key = key.plain(points).plain(&faces.starts).plain(&faces.corners);
+    let key = body.examples.iter().chain(&examples.poses).fold(key, |key, pose| key.plain(pose));
+    if let Some(map) = cache.and_then(|cache| cache.get(&key)) {
+        return map;
+    }
+    let map = SurfaceMap::build_for_shell(body, points, faces, &examples.poses);
+    if let Some(cache) = cache {
+        cache.keep(&key, &map);
+    }
+    map
+}
+
 /// The proxy: built from the scan, or read from `--proxy`, or from the cache where it is there.
 #[allow(clippy::too_many_arguments)]
 fn body(
@@ -645,7 +685,7 @@ fn body(
     cancel: &Cancel,
 ) -> Result<Made> {
     if args.shells.are_chosen()? {
-        let mut body = shells::body(points, triangles, examples, args.proxy_vertices, &|| cancel.check())
+        let mut body = shell_of(args, cache, points, triangles, examples, cancel)
             .map_err(|e| if e.file.is_none() && e.kind != Kind::Interrupted { e.file(&scan.source) } else { e })?;
         let (proxy, notes) = (body.proxy.clone(), std::mem::take(&mut body.notes));
         let words = body.words();
