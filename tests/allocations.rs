@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::{DQuat, DVec3};
+use retarget::deform::shells::{self, Shells};
 use retarget::deform::volumetric::{Options, Volumetric};
 use retarget::deform::{Deformer, Grip, Handle, OrientedHandle, Placement, Targets};
 use retarget::proxy::rows::{HandleRows, MapKind};
@@ -41,6 +42,9 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
+/// Frame at which the body is somewhere else.
+const JUMP: usize = 25;
+
 /// Handles on the skin, one of them oriented.
 struct Body {
     proxy: Proxy,
@@ -67,7 +71,8 @@ impl Body {
     /// Sways; now and then a handle is gone.
     fn frame(&self, frame: usize, targets: &mut Targets, placements: &mut [Placement]) {
         let t = frame as f64 * 0.05;
-        let sway = |p: DVec3| DQuat::from_rotation_y(0.6 * p.y * t.sin()) * p + DVec3::X * (0.05 * t.cos());
+        let jump = if frame >= JUMP { DVec3::Z } else { DVec3::ZERO };
+        let sway = |p: DVec3| DQuat::from_rotation_y(0.6 * p.y * t.sin()) * p + DVec3::X * (0.05 * t.cos()) + jump;
         for (h, handle) in self.handles.iter().enumerate() {
             targets.positions[h] = sway(handle.row.apply(&self.proxy.rest));
             targets.presence[h] = f64::from(u8::from(!(frame / 3 + h).is_multiple_of(17)));
@@ -89,6 +94,21 @@ fn a_warm_frame_allocates_nothing() {
     let mut deformer =
         Volumetric::with_oriented(&body.proxy, &body.handles, std::slice::from_ref(&body.head), &Options::default()).unwrap();
 
+    warm_frames(&body, &map, &fans, &mut deformer);
+
+    // A shell with an example: the body bent sideways.
+    let bent = |x: &[DVec3]| x.iter().map(|p| DQuat::from_rotation_z(0.8 * p.y) * *p).collect::<Vec<_>>();
+    let examples = [bent(&points)];
+    let shell = shells::Body::build(&points, &scan.mesh.vertex_triangles(), &examples, 300, &|| Ok(())).unwrap();
+    let map = SurfaceMap::build_for_shell(&shell, &points, &scan.mesh.faces, &examples);
+    let body = Body::new(shell.proxy.clone());
+    let mut deformer =
+        Shells::new(&shell, &body.handles, std::slice::from_ref(&body.head), &shells::Options::for_examples(1)).unwrap();
+    warm_frames(&body, &map, &fans, &mut deformer);
+}
+
+/// Frames from a cold start on, the first batch of which may allocate. At [`JUMP`] a deformer that knows of cuts begins anew.
+fn warm_frames(body: &Body, map: &SurfaceMap, fans: &Fans, deformer: &mut dyn Deformer) {
     let count = body.handles.len();
     let mut targets = Targets { positions: vec![DVec3::ZERO; count], presence: vec![1.0; count] };
     let still = Placement { position: DVec3::ZERO, orientation: DQuat::IDENTITY, presence: 0.0 };

@@ -1,5 +1,6 @@
 //! Meshes for the laws: made here, the fixture scan in three poses, and real ones where they are present.
 
+use super::cases::TAKES;
 use super::common;
 use glam::DVec3;
 use retarget::scan;
@@ -27,6 +28,11 @@ impl Shape {
         let (lo, hi) = points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)));
         let (centre, diagonal) = ((lo + hi) * 0.5, (hi - lo).length());
         Self { name, kind, points: points.into_iter().map(|p| (p - centre) / diagonal).collect(), triangles }
+    }
+
+    /// Other poses, as two of the takes have them half way.
+    pub fn examples(&self) -> Vec<Vec<DVec3>> {
+        TAKES[..2].iter().map(|take| self.points.iter().map(|p| (take.motion)(0.5, *p)).collect()).collect()
     }
 
     /// The longest side of its box.
