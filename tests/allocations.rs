@@ -96,7 +96,13 @@ fn a_warm_frame_allocates_nothing() {
 
     warm_frames(&body, &map, &fans, &mut deformer);
 
-    // A shell with an example: the body bent sideways.
+    // A shell, which needs a surface: a bar with an example that is bent sideways.
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("bar.obj"), bar()).unwrap();
+    let scan = scan::read(&folder.path().join("bar.obj")).unwrap();
+    let unit_box = UnitBox::of(&scan.mesh).unwrap();
+    let points: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
+    let fans = Fans::new(&scan, &NormalVertices::of(&scan));
     let bent = |x: &[DVec3]| x.iter().map(|p| DQuat::from_rotation_z(0.8 * p.y) * *p).collect::<Vec<_>>();
     let examples = [bent(&points)];
     let shell = shells::Body::build(&points, &scan.mesh.vertex_triangles(), &examples, 300, &|| Ok(())).unwrap();
@@ -105,6 +111,25 @@ fn a_warm_frame_allocates_nothing() {
     let mut deformer =
         Shells::new(&shell, &body.handles, std::slice::from_ref(&body.head), &shells::Options::for_examples(1)).unwrap();
     warm_frames(&body, &map, &fans, &mut deformer);
+}
+
+/// An upright bar, open at its ends, as OBJ.
+fn bar() -> String {
+    const RINGS: usize = 40;
+    const SIDES: usize = 16;
+    let mut text = String::new();
+    for i in 0..RINGS * SIDES {
+        let (sin, cos) = (std::f64::consts::TAU * (i % SIDES) as f64 / SIDES as f64).sin_cos();
+        text += &format!("v {} {} {}\n", 0.3 * cos, 0.1 * (i / SIDES) as f64, 0.3 * sin);
+    }
+    let at = |ring: usize, side: usize| ring * SIDES + side % SIDES + 1;
+    for ring in 0..RINGS - 1 {
+        for side in 0..SIDES {
+            let corners = [at(ring, side), at(ring + 1, side), at(ring + 1, side + 1), at(ring, side + 1)];
+            text += &format!("f {} {} {} {}\n", corners[0], corners[1], corners[2], corners[3]);
+        }
+    }
+    text
 }
 
 /// Frames from a cold start on, the first batch of which may allocate. At [`JUMP`] a deformer that knows of cuts begins anew.

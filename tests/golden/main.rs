@@ -5,7 +5,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
-use common::{c3d_writer, fixture, read_ply_points, retarget_ok};
+use common::{arm, c3d_writer, fixture, read_ply_points, retarget_ok};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 
@@ -18,6 +18,11 @@ const WALK: [u32; 5] = [1, 111, 201, 307, 372];
 /// Frames of the take by handles that turn: the first, the quarters (the second third has a hand that nobody holds), the last.
 const REACH: [u32; 4] = [1, 20, 40, 60];
 
+/// Frames of an arm by shells with two examples: the shoulder half way, all the way, and the elbow with it.
+const ARM: [u32; 4] = [5, 10, 15, 20];
+/// The same of the arm.
+const ARM_TRUTH: [f64; 4] = [0.001, 0.001, 0.001, 0.002];
+
 /// What may differ between processors, in diagonals. At quality `converged` a frame ends within about twenty tolerances of 1e-7 of the minimum,
 /// however its sums are rounded: two processors may be twice that apart; the rest is the rounding of the file's f32 coordinates.
 const TOLERANCE: f64 = 5e-5;
@@ -25,9 +30,6 @@ const TOLERANCE: f64 = 5e-5;
 /// Mean distance from the true skin that 41 markers leave open, in diagonals, frame by frame: what was reached, and a tenth more.
 /// The truth is a blended skin that loses volume at its joints, which the markers do not tell.
 const WALK_TRUTH: [f64; 5] = [0.000_04, 0.002_1, 0.005_06, 0.010_08, 0.000_105];
-/// The same with three of the poses as examples: the squat of frame 307 is none.
-const SHELL_TRUTH: [f64; 5] = [1.0, 1.0, 1.0, 1.0, 1.0];
-const EXAMPLES: [u32; 2] = [111, 201];
 /// The same of seven frames and two points.
 const REACH_TRUTH: [f64; 4] = [0.000_01, 0.002_46, 0.005_54, 0.005_92];
 
@@ -55,7 +57,7 @@ fn distance(a: &[DVec3], b: &[DVec3]) -> (f64, f64) {
 }
 
 /// Runs a take on the fixture scan and compares some of its frames with the truth and with the goldens, or blesses them.
-fn compare(take: &str, file: &str, more: &[PathBuf], frames: &[(u32, f64)], truth: impl Fn(u32) -> Vec<DVec3>) {
+fn compare(take: &str, file: &str, frames: &[(u32, f64)], truth: impl Fn(u32) -> Vec<DVec3>) {
     let work = tempfile::tempdir().unwrap();
     let scan = fixture("scan.obj");
     retarget_ok(
@@ -67,41 +69,43 @@ fn compare(take: &str, file: &str, more: &[PathBuf], frames: &[(u32, f64)], trut
             "f_####.ply".as_ref(),
             "--quality".as_ref(),
             "converged".as_ref(),
-        ]
-        .into_iter()
-        .chain(more.iter().map(|argument| argument.as_os_str())),
+        ],
     );
-    let bless = std::env::var_os("RETARGET_BLESS").is_some();
     let source = retarget::scan::read(&scan).unwrap();
     let diagonal = retarget::scan::UnitBox::of(&source.mesh).unwrap().diagonal;
     for &(frame, limit) in frames {
-        let ours = retarget::scan::read(&work.path().join(format!("f_{frame:04}.ply"))).unwrap().mesh.positions;
-        let (mean, worst) = distance(&ours, &truth(frame));
-        eprintln!(
-            "{take} {frame}: mean {:.4} %, worst {:.2} % of the diagonal from the truth",
-            mean / diagonal * 100.0,
-            worst / diagonal * 100.0
-        );
-        assert!(mean < limit * diagonal, "{take} {frame}: mean {:.4} % from the truth", mean / diagonal * 100.0);
-        let golden = golden(take, frame);
-        if bless {
-            if golden.exists() {
-                let (mean, worst) = distance(&ours, &read_ply_points(&golden));
-                eprintln!(
-                    "{take} {frame}: moved by {:.2e} in the mean, {:.2e} at most (diagonals)",
-                    mean / diagonal,
-                    worst / diagonal
-                );
-            }
-            write_points(&golden, &ours);
-        } else {
-            let (_, worst) = distance(&ours, &read_ply_points(&golden));
-            assert!(
-                worst < TOLERANCE * diagonal,
-                "{take} {frame} moved by {:.2e} diagonals; scripts/bless.sh if it should",
+        judge(take, frame, limit, &work.path().join(format!("f_{frame:04}.ply")), &truth(frame), diagonal);
+    }
+}
+
+/// Compares a frame with the truth and with its golden, or blesses it.
+fn judge(take: &str, frame: u32, limit: f64, file: &Path, truth: &[DVec3], diagonal: f64) {
+    let ours = retarget::scan::read(file).unwrap().mesh.positions;
+    let (mean, worst) = distance(&ours, truth);
+    eprintln!(
+        "{take} {frame}: mean {:.4} %, worst {:.2} % of the diagonal from the truth",
+        mean / diagonal * 100.0,
+        worst / diagonal * 100.0
+    );
+    assert!(mean < limit * diagonal, "{take} {frame}: mean {:.4} % from the truth", mean / diagonal * 100.0);
+    let golden = golden(take, frame);
+    if std::env::var_os("RETARGET_BLESS").is_some() {
+        if golden.exists() {
+            let (mean, worst) = distance(&ours, &read_ply_points(&golden));
+            eprintln!(
+                "{take} {frame}: moved by {:.2e} in the mean, {:.2e} at most (diagonals)",
+                mean / diagonal,
                 worst / diagonal
             );
         }
+        write_points(&golden, &ours);
+    } else {
+        let (_, worst) = distance(&ours, &read_ply_points(&golden));
+        assert!(
+            worst < TOLERANCE * diagonal,
+            "{take} {frame} moved by {:.2e} diagonals; scripts/bless.sh if it should",
+            worst / diagonal
+        );
     }
 }
 
@@ -109,27 +113,18 @@ fn compare(take: &str, file: &str, more: &[PathBuf], frames: &[(u32, f64)], trut
 fn chosen_frames_of_the_marker_take_are_as_blessed_and_near_the_truth() {
     // The take shows the rest pose of the scan, and the placement brings it there: the truth is in the scan's own space, place and size included.
     let frames: Vec<(u32, f64)> = WALK.into_iter().zip(WALK_TRUTH).collect();
-    compare("walk", "walk.c3d", &[], &frames, |frame| read_ply_points(&fixture(&format!("true_{frame:04}.ply"))));
+    compare("walk", "walk.c3d", &frames, |frame| read_ply_points(&fixture(&format!("true_{frame:04}.ply"))));
 }
 
 #[test]
-fn chosen_frames_of_the_marker_take_with_examples_are_as_blessed_and_near_the_truth() {
-    // Three of the four poses that are compared, besides rest, are examples; the fourth is not.
-    let work = tempfile::tempdir().unwrap();
-    let faces = std::fs::read_to_string(fixture("scan.obj")).unwrap();
-    let faces: Vec<&str> = faces.lines().filter(|line| line.starts_with("f ")).collect();
-    let mut more = vec![PathBuf::from("--examples")];
-    for frame in EXAMPLES {
-        let points = read_ply_points(&fixture(&format!("true_{frame:04}.ply")));
-        let vertices = points.iter().map(|p| format!("v {} {} {}", p.x, p.y, p.z));
-        let corner = |word: &str| word.split('/').next().unwrap_or_default().to_owned();
-        let faces = faces.iter().map(|line| line.split(' ').map(corner).collect::<Vec<_>>().join(" "));
-        let path = work.path().join(format!("pose_{frame:04}.obj"));
-        std::fs::write(&path, vertices.chain(faces).collect::<Vec<_>>().join("\n")).unwrap();
-        more.push(path);
+fn chosen_frames_of_an_arm_with_examples_are_as_blessed_and_near_the_truth() {
+    let folder = arm::folder();
+    let arguments = ["arm.obj", "take.csv", "--examples", "elbow.obj", "shoulder.obj", "--quality", "converged", "-o", "f_#.ply"];
+    retarget_ok(folder.path(), arguments);
+    for (frame, limit) in ARM.into_iter().zip(ARM_TRUTH) {
+        let (shoulder, elbow) = arm::path()[frame as usize];
+        judge("arm", frame, limit, &folder.path().join(format!("f_{frame}.ply")), &arm::arm(shoulder, elbow), arm::DIAGONAL);
     }
-    let frames: Vec<(u32, f64)> = WALK.into_iter().zip(SHELL_TRUTH).collect();
-    compare("shells", "walk.c3d", &more, &frames, |frame| read_ply_points(&fixture(&format!("true_{frame:04}.ply"))));
 }
 
 #[test]
@@ -139,7 +134,7 @@ fn chosen_frames_of_the_take_by_turning_handles_are_as_blessed_and_near_the_trut
     let body = generate::body::Body::on(&bones, points);
     let frames: Vec<(u32, f64)> = REACH.into_iter().zip(REACH_TRUTH).collect();
     assert!(frames[0].0 == 1 && frames[3].0 as usize == generate::reach::FRAMES);
-    compare("reach", "reach.csv", &[], &frames, |frame| {
+    compare("reach", "reach.csv", &frames, |frame| {
         generate::motion::posed(&body, &bones, &generate::reach::pose(&bones, frame as usize - 1))
     });
 }

@@ -229,7 +229,7 @@ pub fn cases(stuff: Stuff) -> &'static [Case] {
     static SHELLS: OnceLock<Vec<Case>> = OnceLock::new();
     match stuff {
         Stuff::Tetrahedra => TETRAHEDRA.get_or_init(|| shapes::all().into_iter().map(|s| Case::new(s, MapKind::Ring)).collect()),
-        Stuff::Shell => SHELLS.get_or_init(|| shapes::all().into_iter().map(Case::shell).collect()),
+        Stuff::Shell => SHELLS.get_or_init(|| shapes::all().into_iter().filter(|s| s.is_surface).map(Case::shell).collect()),
     }
 }
 
