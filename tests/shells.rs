@@ -188,3 +188,39 @@ fn weights_may_come_from_a_table_and_what_does_not_fit_is_refused() {
         assert!(!at("x.obj").exists() && !at("x.pc2").exists());
     }
 }
+
+#[test]
+fn a_real_walk_with_examples_is_as_calm_as_without() {
+    let Some(data) = common::shared() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let poses = data.join("meshes/examples/human_makehuman_male");
+    let pose = |name: &str| poses.join(format!("{name}.obj.gz")).display().to_string();
+    let take = |name: &str| data.join(format!("motion/c3d/{name}.c3d")).display().to_string();
+    let run = |examples: &[&str]| -> Vec<Vec<[f32; 3]>> {
+        let mut arguments = vec![pose("00_rest_apose"), take("pig_antom_walk"), "--ref-file".into(), take("pig_antom_static")];
+        arguments.extend(["--force", "--frames", "200..400", "--report", "report.json", "-o", "out.pc2"].map(String::from));
+        if !examples.is_empty() {
+            arguments.push("--examples".into());
+            arguments.extend(examples.iter().map(|name| pose(name)));
+        }
+        retarget_ok(folder.path(), arguments);
+        read_pc2(&folder.path().join("out.pc2"))
+    };
+    // Second differences between frames, millimetres.
+    let jerk = |frames: &[Vec<[f32; 3]>]| -> f64 {
+        let at = |f: usize, v: usize| DVec3::from(frames[f][v].map(f64::from));
+        let each = (1..frames.len() - 1)
+            .flat_map(|f| (0..frames[f].len()).map(move |v| (at(f + 1, v) - 2.0 * at(f, v) + at(f - 1, v)).length()));
+        1e3 * each.fold(0.0, f64::max)
+    };
+    let volumetric = jerk(&run(&[]));
+    let names = ["03_walk_left_forward", "04_walk_right_forward", "05_run", "06_arms_up", "07_squat_arms_forward", "08_sit"];
+    let shells = jerk(&run(&[&names[..], &["09_kick_right", "11_forward_bend"]].concat()));
+    let report: Value = serde_json::from_str(&std::fs::read_to_string(folder.path().join("report.json")).unwrap()).unwrap();
+    let weights = |f: &Value| -> Vec<f64> { f["weights"].as_array().unwrap().iter().map(|w| w.as_f64().unwrap()).collect() };
+    let all: Vec<Vec<f64>> = report["frames"].as_array().unwrap().iter().map(weights).collect();
+    let second = |w: &[Vec<f64>]| (0..w[0].len()).map(|i| (w[0][i] - 2.0 * w[1][i] + w[2][i]).abs()).fold(0.0, f64::max);
+    let leap = all.windows(3).map(second).fold(0.0, f64::max);
+    eprintln!("second differences: {shells:.1} mm, {volumetric:.1} volumetric; of the weights {leap:.3}");
+    assert!(shells < 1.5 * volumetric && leap < 0.1, "{shells} {volumetric} {leap}");
+}

@@ -51,15 +51,14 @@ impl Maker {
 }
 
 /// All deformers under the laws: a new one is one more entry.
-pub const MAKERS: [Maker; 4] = [
+pub const MAKERS: [Maker; 3] = [
     Maker { name: "volumetric", stuff: Stuff::Tetrahedra, make: |b, h| volumetric(b, h, Options::default()) },
     Maker {
         name: "volumetric without bulk",
         stuff: Stuff::Tetrahedra,
         make: |b, h| volumetric(b, h, Options { bulk: 0.0, ..Options::default() }),
     },
-    Maker { name: "shells", stuff: Stuff::Shell, make: |b, h| shell(b, h, false, |_| ()) },
-    Maker { name: "shells with examples", stuff: Stuff::Shell, make: |b, h| shell(b, h, true, |_| ()) },
+    Maker { name: "shells with examples", stuff: Stuff::Shell, make: |b, h| shell(b, h, |_| ()) },
 ];
 
 /// Those that do not end before a frame is solved almost to rounding: for poses that are reached by two ways.
@@ -72,7 +71,7 @@ pub const EXACT: [Maker; 2] = [
     Maker {
         name: "shells with examples, converged",
         stuff: Stuff::Shell,
-        make: |b, h| shell(b, h, true, |o| (o.steps, o.decrease, o.still) = (60, 1e-10, 1e-8)),
+        make: |b, h| shell(b, h, |o| (o.steps, o.decrease, o.still) = (60, 1e-10, 1e-8)),
     },
 ];
 
@@ -80,11 +79,10 @@ fn volumetric(body: &Posable, handles: &[Handle], options: Options) -> Box<dyn W
     Box::new(Volumetric::new(&body.proxy, handles, &options).unwrap())
 }
 
-fn shell(body: &Posable, handles: &[Handle], examples: bool, change: fn(&mut shells::Options)) -> Box<dyn Watched> {
-    let examples = if examples { body.examples.clone() } else { Vec::new() };
-    let mut options = shells::Options::for_examples(examples.len());
+fn shell(body: &Posable, handles: &[Handle], change: fn(&mut shells::Options)) -> Box<dyn Watched> {
+    let mut options = shells::Options::for_examples(body.examples.len());
     change(&mut options);
-    let body = Body { proxy: body.proxy.clone(), examples, ..Body::default() };
+    let body = Body { proxy: body.proxy.clone(), examples: body.examples.clone(), ..Body::default() };
     Box::new(Shells::new(&body, handles, &[], &options).unwrap())
 }
 
