@@ -258,7 +258,12 @@ fn mirrored_scaled_turned_and_renumbered_bodies_give_the_same_poses() {
         ("renumbered body, renumbered pose (same tetrahedra)", TWO_WAYS, 1.0, false, true, Box::new(|p| p)),
     ];
     for (law, limit, scale, mirrored, renumbered, map) in maps {
-        let makers: &[_] = if limit == TWO_WAYS { &EXACT } else { &MAKERS };
+        // The pull of a shell's handles is measured by the diagonal of the box around it, which a turn changes.
+        let makers: &[_] = match (limit == TWO_WAYS, renumbered) {
+            (true, true) => &EXACT,
+            (true, false) => &EXACT[..1],
+            (false, _) => &MAKERS,
+        };
         let mut tally = Tally::new(law, limit);
         for (maker, case, take) in makers.iter().flat_map(|maker| with_all(*maker)) {
             let count = case.body.vertices as u32;
