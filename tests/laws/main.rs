@@ -155,6 +155,10 @@ fn a_still_tail_changes_nothing_in_either_direction_of_time() {
         }
         still.note(case, Some(take), maker.name, distance(deformer.pose(), &before));
 
+        // A thin shell has several minima, and the way decides among them.
+        if maker.stuff == Stuff::Shell {
+            continue;
+        }
         let sway = [1.0, 0.99, 0.97, 0.98, 0.985, 1.0, 1.0];
         let mut ends = Vec::new();
         for backwards in [false, true] {
