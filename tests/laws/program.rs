@@ -103,11 +103,18 @@ fn own(stuff: Stuff) -> usize {
     all.iter().filter(|s| stuff == Stuff::Tetrahedra || s.is_surface).count()
 }
 
-/// Every own mesh with one of the takes, as each kind of body.
-fn pairs() -> impl Iterator<Item = (Stuff, &'static str, &'static Case, &'static Take)> {
-    KINDS.into_iter().flat_map(|(stuff, what)| {
+/// Every own mesh with one of the takes, as these kinds of body.
+fn pairs_of(
+    kinds: &'static [(Stuff, &'static str)],
+) -> impl Iterator<Item = (Stuff, &'static str, &'static Case, &'static Take)> {
+    kinds.iter().flat_map(|&(stuff, what)| {
         cases(stuff)[..own(stuff)].iter().enumerate().map(move |(i, case)| (stuff, what, case, &TAKES[i % TAKES.len()]))
     })
+}
+
+/// The same of tetrahedra. Thin shells have several minima: a marker that is gone for a while may leave them in another one.
+fn pairs() -> impl Iterator<Item = (Stuff, &'static str, &'static Case, &'static Take)> {
+    pairs_of(&KINDS[..1])
 }
 
 #[test]
@@ -119,7 +126,7 @@ fn a_rigid_motion_of_all_markers_moves_the_scan_by_it() {
         move |p: DVec3| q * p + DVec3::new(0.01, -0.004, 0.02) * k as f64
     };
     let last = FRAMES.to_string();
-    for (stuff, what, case, _) in pairs() {
+    for (stuff, what, case, _) in pairs_of(&KINDS) {
         let frames: Frames = (0..FRAMES).map(|k| case.rest.iter().map(|&p| motion(k)(p)).collect()).collect();
         let error = |out: &[DVec3], k: usize| largest(out.iter().zip(&case.shape.points).map(|(p, &q)| p.distance(motion(k)(q))));
         let out = run(&poses(case, stuff), &case.shape.triangles, &frames, &[]);
