@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::{DQuat, DVec3};
+use retarget::deform::shells::{self, Shells};
 use retarget::deform::volumetric::{Options, Volumetric};
 use retarget::deform::{Deformer, Grip, Handle, OrientedHandle, Placement, Targets};
 use retarget::proxy::rows::{HandleRows, MapKind};
@@ -41,6 +42,9 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
+/// Frame at which the body is somewhere else.
+const JUMP: usize = 25;
+
 /// Handles on the skin, one of them oriented.
 struct Body {
     proxy: Proxy,
@@ -67,7 +71,8 @@ impl Body {
     /// Sways; now and then a handle is gone.
     fn frame(&self, frame: usize, targets: &mut Targets, placements: &mut [Placement]) {
         let t = frame as f64 * 0.05;
-        let sway = |p: DVec3| DQuat::from_rotation_y(0.6 * p.y * t.sin()) * p + DVec3::X * (0.05 * t.cos());
+        let jump = if frame >= JUMP { DVec3::Z } else { DVec3::ZERO };
+        let sway = |p: DVec3| DQuat::from_rotation_y(0.6 * p.y * t.sin()) * p + DVec3::X * (0.05 * t.cos()) + jump;
         for (h, handle) in self.handles.iter().enumerate() {
             targets.positions[h] = sway(handle.row.apply(&self.proxy.rest));
             targets.presence[h] = f64::from(u8::from(!(frame / 3 + h).is_multiple_of(17)));
@@ -89,6 +94,46 @@ fn a_warm_frame_allocates_nothing() {
     let mut deformer =
         Volumetric::with_oriented(&body.proxy, &body.handles, std::slice::from_ref(&body.head), &Options::default()).unwrap();
 
+    warm_frames(&body, &map, &fans, &mut deformer);
+
+    // A shell, which needs a surface: a bar with an example that is bent sideways.
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("bar.obj"), bar()).unwrap();
+    let scan = scan::read(&folder.path().join("bar.obj")).unwrap();
+    let unit_box = UnitBox::of(&scan.mesh).unwrap();
+    let points: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
+    let fans = Fans::new(&scan, &NormalVertices::of(&scan));
+    let bent = |x: &[DVec3]| x.iter().map(|p| DQuat::from_rotation_z(0.8 * p.y) * *p).collect::<Vec<_>>();
+    let examples = [bent(&points)];
+    let shell = shells::Body::build(&points, &scan.mesh.vertex_triangles(), &examples, 300, &|| Ok(())).unwrap();
+    let map = SurfaceMap::build_for_shell(&shell, &points, &scan.mesh.faces, &examples);
+    let body = Body::new(shell.proxy.clone());
+    let mut deformer =
+        Shells::new(&shell, &body.handles, std::slice::from_ref(&body.head), &shells::Options::for_examples(1)).unwrap();
+    warm_frames(&body, &map, &fans, &mut deformer);
+}
+
+/// An upright bar, open at its ends, as OBJ.
+fn bar() -> String {
+    const RINGS: usize = 40;
+    const SIDES: usize = 16;
+    let mut text = String::new();
+    for i in 0..RINGS * SIDES {
+        let (sin, cos) = (std::f64::consts::TAU * (i % SIDES) as f64 / SIDES as f64).sin_cos();
+        text += &format!("v {} {} {}\n", 0.3 * cos, 0.1 * (i / SIDES) as f64, 0.3 * sin);
+    }
+    let at = |ring: usize, side: usize| ring * SIDES + side % SIDES + 1;
+    for ring in 0..RINGS - 1 {
+        for side in 0..SIDES {
+            let corners = [at(ring, side), at(ring + 1, side), at(ring + 1, side + 1), at(ring, side + 1)];
+            text += &format!("f {} {} {} {}\n", corners[0], corners[1], corners[2], corners[3]);
+        }
+    }
+    text
+}
+
+/// Frames from a cold start on, the first batch of which may allocate. At [`JUMP`] a deformer that knows of cuts begins anew.
+fn warm_frames(body: &Body, map: &SurfaceMap, fans: &Fans, deformer: &mut dyn Deformer) {
     let count = body.handles.len();
     let mut targets = Targets { positions: vec![DVec3::ZERO; count], presence: vec![1.0; count] };
     let still = Placement { position: DVec3::ZERO, orientation: DQuat::IDENTITY, presence: 0.0 };

@@ -20,13 +20,25 @@ const SUBCOMMANDS: [&str; 6] = ["inspect", "blend", "joints", "batch", "completi
 #[test]
 fn the_version_names_the_commit_in_a_working_copy_and_nothing_else_in_a_package() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let commit = Command::new("git").current_dir(root).args(["rev-parse", "HEAD"]).output().ok().filter(|o| o.status.success());
-    let version = env!("CARGO_PKG_VERSION");
-    let wanted = match commit.filter(|_| root.join(".git").exists()) {
-        Some(output) => format!("retarget {version} ({})\n", &String::from_utf8(output.stdout).unwrap()[..12]),
-        None => format!("retarget {version}\n"),
+    let git = |arguments: &[&str]| {
+        let output = Command::new("git").current_dir(root).args(arguments).output().ok().filter(|o| o.status.success())?;
+        Some(String::from_utf8(output.stdout).unwrap().trim().to_owned())
     };
-    assert_eq!(printed(&["--version"]), wanted);
+    let version = format!("retarget {}", env!("CARGO_PKG_VERSION"));
+    let printed = printed(&["--version"]);
+    let Some(sources) = git(&["rev-parse", "HEAD:src"]).filter(|_| root.join(".git").exists()) else {
+        assert_eq!(printed, format!("{version}\n"));
+        return;
+    };
+    let named = printed
+        .strip_prefix(&format!("{version} ("))
+        .and_then(|rest| rest.strip_suffix(")\n"))
+        .unwrap_or_else(|| panic!("{printed}"));
+    let commit = named.trim_end_matches('+');
+    assert_eq!(commit.len(), 12, "{printed}");
+    let there = git(&["rev-parse", &format!("{commit}:src")]).unwrap_or_else(|| panic!("no commit {commit}"));
+    // With changes the sources are neither those of the commit that is named nor those of the next one.
+    assert!(named.ends_with('+') || there == sources, "{printed}");
 }
 
 #[test]

@@ -1,16 +1,18 @@
 //! The figures and tables of Fröhlich and Botsch 2011 as laws, with what they print beside what comes out here (`-- --nocapture`).
 //!
-//! Shapes are made here; those of real animals and people are put through the same where they are present.
+//! Shapes are made here; those of real animals and people are put through the same where they are present. `scripts/shells.sh` prints the table;
+//! with RETARGET_KEEP=FOLDER the poses of figures 1 and 8 are drawn into it.
 
 #![allow(clippy::unwrap_used, clippy::print_stderr)]
 
 mod common;
 
 use common::shared;
-use glam::{DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use retarget::deform::shells::{Body, Interpolator, Material, Options, Shells, SurfaceRows};
 use retarget::deform::{Deformer, FrameStats, Grip, Handle, OrientedHandle, Placement, Targets};
 use retarget::error::Notes;
+use retarget::picture;
 use retarget::scan::{self, Scan, UnitBox};
 use retarget::surface::SurfaceMap;
 use std::time::Instant;
@@ -110,6 +112,121 @@ fn figures_1_and_4_ends_that_are_turned_and_pulled() {
             format!("volume {:.2} %, flattest section {flattest:.3}, {} steps in the end", 100.0 * ratio, stats.passes),
         );
         assert!((ratio - 1.0).abs() < 0.02 && flattest > 0.85, "{ratio} {flattest}");
+        keep(&format!("figure 1 {name}"), &[&points, &pose], &faces);
+    }
+    // Fig. 2: the same bend where one of the two stiffnesses dominates.
+    let strain = |pose: &[DVec3]| {
+        let edges = faces.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
+        let strains = edges.map(|(a, b)| {
+            let [a, b] = [a, b].map(|v| v as usize);
+            (pose[a].distance(pose[b]) / points[a].distance(points[b]) - 1.0).powi(2)
+        });
+        (strains.sum::<f64>() / (3 * faces.len()) as f64).sqrt()
+    };
+    let turn = DQuat::from_rotation_y(angle);
+    let [bending, stretching] = [(1.0, 100.0), (100.0, 1.0)].map(|(stretching, bending)| {
+        let material = Material { stretching, bending, volume: 0.0, ..plain };
+        let (pose, _) = ends(&points, 6.0, material, turn, to);
+        let flattest = (1..48).map(|ring| roundness(&pose[ring * 24..(ring + 1) * 24])).fold(1.0, f64::min);
+        (strain(&pose), flattest)
+    });
+    let words =
+        |(strain, flattest): (f64, f64)| format!("edges strained by {:.2} % rms, flattest section {flattest:.2}", 100.0 * strain);
+    say("Fig. 2", "the bend with dominating bending stiffness", "sections kept", words(bending));
+    say("Fig. 2", "the bend with dominating stretching stiffness", "edges kept", words(stretching));
+    assert!(stretching.0 < 0.5 * bending.0 && stretching.1 < bending.1, "{bending:?} {stretching:?}");
+}
+
+/// Draws poses side by side into the folder that RETARGET_KEEP names, if it does.
+fn keep(name: &str, poses: &[&[DVec3]], triangles: &[[u32; 3]]) {
+    let Some(folder) = std::env::var_os("RETARGET_KEEP") else { return };
+    let mut right = 0.0;
+    let shifted: Vec<Vec<DVec3>> = poses
+        .iter()
+        .map(|points| {
+            let (lo, hi) = points.iter().fold((f64::MAX, f64::MIN), |(lo, hi), p| (lo.min(p.x), hi.max(p.x)));
+            let moved = points.iter().map(|p| *p + DVec3::X * (right - lo)).collect();
+            right += hi - lo + 0.6;
+            moved
+        })
+        .collect();
+    let colors = vec![[200, 180, 150]; triangles.len()];
+    let surface = |points| picture::Surface { points, triangles, colors: picture::Colors::PerFace(&colors) };
+    let sheet = picture::Sheet {
+        surfaces: shifted.iter().map(|points| surface(points)).collect(),
+        views: vec![picture::View { title: String::new(), toward: DVec3::new(-0.3, -1.0, 0.4), up: DVec3::Z }],
+        heading: vec![name.to_owned()],
+        height: 600,
+        ..picture::Sheet::default()
+    };
+    let file = std::path::Path::new(&folder).join(format!("{}.png", name.replace([' ', '.', '\u{b0}'], "_")));
+    std::fs::write(file, picture::draw(&sheet).png().unwrap()).unwrap();
+}
+
+/// A tube along the helix of this curvature and torsion, or along a line.
+fn helix(curvature: f64, torsion: f64, length: f64, rings: usize, segments: usize) -> Vec<DVec3> {
+    let twist = (curvature * curvature + torsion * torsion).sqrt();
+    let (radius, rise) = if twist > 0.0 { (curvature / twist.powi(2), torsion / twist) } else { (0.0, 1.0) };
+    let ring = |k: usize| {
+        let s = length * k as f64 / (rings - 1) as f64;
+        let (sin, cos) = (twist * s).sin_cos();
+        let centre = DVec3::new(radius * cos, radius * sin, rise * s);
+        let tangent = DVec3::new(-radius * twist * sin, radius * twist * cos, rise);
+        // Twisted with its torsion, so that a share of the example is the helix of that share of both.
+        let normal = DVec3::new(-cos, -sin, 0.0);
+        (centre, [normal, tangent.normalize().cross(normal)])
+    };
+    let mut points: Vec<DVec3> = (0..rings * segments)
+        .map(|i| {
+            let (centre, [u, v]) = ring(i / segments);
+            let angle = std::f64::consts::TAU * (i % segments) as f64 / segments as f64;
+            centre + 0.2 * (u * angle.cos() + v * angle.sin())
+        })
+        .collect();
+    points.extend([ring(0).0, ring(rings - 1).0]);
+    points
+}
+
+/// One pose moved rigidly onto another.
+fn aligned(x: &[DVec3], onto: &[DVec3]) -> Vec<DVec3> {
+    let centre = |x: &[DVec3]| x.iter().sum::<DVec3>() / x.len() as f64;
+    let (from, to) = (centre(x), centre(onto));
+    let mut covariance = DMat3::ZERO;
+    for (a, t) in x.iter().zip(onto) {
+        let (a, t) = (*a - from, *t - to);
+        covariance += DMat3::from_cols(t * a.x, t * a.y, t * a.z);
+    }
+    let turn = retarget::linalg::nearest_rotation(covariance, DMat3::IDENTITY);
+    x.iter().map(|p| turn * (*p - from) + to).collect()
+}
+
+#[test]
+fn figure_6_a_tube_winds_up_to_a_helix() {
+    let (rings, segments, length) = (121, 10, 20.0);
+    let turns = 4.0 * std::f64::consts::TAU;
+    // Four turns of radius 0.7.
+    let twist = turns / length;
+    let curvature = 0.7 * twist * twist;
+    let torsion = (twist * twist - curvature * curvature).sqrt();
+    let of = |share: f64| helix(share * curvature, share * torsion, length, rings, segments);
+    let (_, faces) = cylinder(1.0, 1.0, rings, segments);
+    let body = Body::build(&of(0.0), &faces, &[of(1.0)], 100_000, &|| Ok(())).unwrap();
+    let mut solver = Interpolator::new(&body, &Material::PAPER).unwrap();
+    // By small steps: the tube is a hundred times as long as thick.
+    for step in 0..=20 {
+        let share = f64::from(step) / 20.0;
+        let stats = solver.solve(&[share]).unwrap();
+        if step % 5 != 0 {
+            continue;
+        }
+        let limit = if step % 20 == 0 { 1e-6 } else { 0.03 };
+        let exact = of(share);
+        let (lo, hi) = exact.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
+        let found = aligned(&solver.pose()[..body.vertices()], &exact);
+        let off = found.iter().zip(&exact).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max) / (hi - lo).length();
+        let words = format!("{:.2} % of D from the helix of that curvature, {} steps", 100.0 * off, stats.passes);
+        say("Fig. 6", &format!("a straight tube wound up, weight {share}"), "a helix", words);
+        assert!(off < limit && stats.converged, "{share}: {off}");
     }
 }
 
@@ -248,6 +365,106 @@ fn arm(shoulder: f64, elbow: f64) -> Vec<DVec3> {
     points
 }
 
+/// The arm with its examples as a coarse body, and handles on its skin and in its joints.
+struct Arm {
+    body: Body,
+    map: SurfaceMap,
+    handles: Vec<Handle>,
+}
+
+/// Points of the skin, and rings whose centres are joints.
+const SKIN: [(usize, usize); 10] = [(0, 0), (0, 13), (0, 26), (8, 7), (8, 27), (16, 20), (60, 7), (88, 12), (100, 30), (110, 0)];
+const JOINTS: [usize; 2] = [72, 112];
+
+/// Where an arm holds its handles.
+fn places(x: &[DVec3]) -> Vec<DVec3> {
+    let centre = |ring: usize| x[ring * SEGMENTS..(ring + 1) * SEGMENTS].iter().sum::<DVec3>() / SEGMENTS as f64;
+    SKIN.iter().map(|&(ring, segment)| x[ring * SEGMENTS + segment]).chain(JOINTS.map(centre)).collect()
+}
+
+impl Arm {
+    fn new() -> Self {
+        let (_, faces) = cylinder(3.0, 1.0, RINGS, SEGMENTS);
+        let (rest, examples) = (arm(0.0, 0.0), [arm(0.0, 100.0), arm(70.0, 0.0)]);
+        let body = Body::build(&rest, &faces, &examples, 1000, &|| Ok(())).unwrap();
+        let mut polygons = retarget::scan::Faces::default();
+        faces.iter().for_each(|f| polygons.push(*f));
+        let map = SurfaceMap::build_for_shell(&body, &rest, &polygons, &examples);
+        let rows = SurfaceRows::new(&body);
+        let handles = places(&rest)
+            .into_iter()
+            .enumerate()
+            .map(|(i, p)| Handle { name: format!("h{i}"), row: rows.row(p), beta: 1.0 })
+            .collect();
+        Self { body, map, handles }
+    }
+
+    fn shells(&self, options: &Options) -> Shells {
+        Shells::new(&self.body, &self.handles, &[], options).unwrap()
+    }
+
+    fn targets(&self, x: &[DVec3]) -> Targets {
+        Targets { positions: places(x), presence: vec![1.0; self.handles.len()] }
+    }
+}
+
+#[test]
+fn figures_8_9_and_10_combined_examples_what_lies_outside_and_a_bad_start() {
+    let (arm_of, whole) = (Arm::new(), Options { steps: 60, decrease: 1e-9, still: 1e-8, ..Options::for_examples(2) });
+    let (_, faces) = cylinder(3.0, 1.0, RINGS, SEGMENTS);
+    let diagonal = 3.1;
+    // Fig. 9: shoulder and elbow, each in an example of its own, together.
+    let mut shells = arm_of.shells(&Options::for_examples(2));
+    for t in 0..=20 {
+        let t = f64::from(t) / 10.0;
+        shells.step(&arm_of.targets(&arm(70.0 * t.min(1.0), 100.0 * (t - 1.0).max(0.0)))).unwrap();
+    }
+    let both = arm(70.0, 100.0);
+    let [rms, most, largest] = spread_of(&apply(&arm_of.map, shells.pose()), &both).map(|d| 100.0 * d / diagonal);
+    let weights = shells.weights().to_vec();
+    let words = format!("weights {:.3} and {:.3}; rms {rms:.3} %, 99 % {most:.3} %, {largest:.3} % of D", weights[0], weights[1]);
+    say("Fig. 9", "shoulder by 70\u{b0} and elbow by 100\u{b0}, from an example of each", "combined", words);
+    assert!(weights.iter().all(|w| (w - 1.0).abs() < 0.05) && rms < 0.2 && largest < 1.0, "{weights:?} {rms} {largest}");
+    // Fig. 10: to there in one jump from the shoulder's pose, as it was left.
+    let mut jump = arm_of.shells(&whole);
+    jump.start(&arm_of.targets(&arm(70.0, 0.0))).unwrap();
+    let stats = jump.step(&arm_of.targets(&arm(70.0, 60.0))).unwrap();
+    let [rms, _, off] = spread_of(&apply(&arm_of.map, jump.pose()), &arm(70.0, 60.0)).map(|d| 100.0 * d / diagonal);
+    let words = format!("{} steps; rms {rms:.3} %, {off:.3} % of D", stats.passes);
+    say("Fig. 10", "the elbow's handles by 60\u{b0} in one jump", "9 iterations", words);
+    assert!(stats.converged && !stats.recovered && off < 1.0 && stats.passes <= 40, "{stats:?} {off}");
+    // Fig. 8: across the plane in which all examples lie.
+    let turned = |t: f64| -> Vec<DVec3> {
+        let out = |p: DVec3| DQuat::from_rotation_y(-(35.0 * t).to_radians() * ((p.x - 0.85) / 0.8 + 0.5).clamp(0.0, 1.0));
+        arm(0.0, 50.0 * t).iter().map(|p| DVec3::X * 0.85 + out(*p) * (*p - DVec3::X * 0.85)).collect()
+    };
+    // As thin as usual it kinks like a straw; ten times as thick it does not.
+    let mut poses = vec![arm(0.0, 0.0), arm(0.0, 100.0), arm(70.0, 0.0)];
+    for (thickness, stretching, least) in [("", 100.0, 0.2), (", ten times as thick", 1.0, 0.6)] {
+        let material = Material { stretching, ..Material::WITH_EXAMPLES };
+        let mut shells = arm_of.shells(&Options { material, ..Options::for_examples(2) });
+        let mut stats = FrameStats::default();
+        for t in 0..=20 {
+            stats = shells.step(&arm_of.targets(&turned(f64::from(t) / 20.0))).unwrap();
+        }
+        let pose = apply(&arm_of.map, shells.pose());
+        let outside = places(&turned(1.0));
+        let residual = outside.iter().zip(&arm_of.handles).map(|(p, h)| h.row.apply(shells.pose()).distance(*p));
+        let residual = 100.0 * residual.fold(0.0, f64::max) / diagonal;
+        let sections = (8..RINGS - 8).map(|ring| roundness(&pose[ring * SEGMENTS..(ring + 1) * SEGMENTS]));
+        let flattest = sections.fold(1.0, f64::min);
+        let words = format!(
+            "handles within {residual:.3} % of D, volume {:.1} %, flattest section {flattest:.2}, {} edges inside out",
+            100.0 * stats.volume_ratio,
+            stats.inverted
+        );
+        say("Fig. 8", &format!("the arm across the plane of its examples{thickness}"), "no shear", words);
+        assert!(stats.inverted == 0 && residual < 0.5 && flattest > least, "{stats:?} {residual} {flattest}");
+        poses.push(pose);
+    }
+    keep("figure 8", &poses.iter().map(Vec::as_slice).collect::<Vec<_>>(), &faces);
+}
+
 #[test]
 fn tables_1_and_2_time_and_distance_from_the_whole_mesh() {
     let (_, faces) = cylinder(3.0, 1.0, RINGS, SEGMENTS);
@@ -258,14 +475,13 @@ fn tables_1_and_2_time_and_distance_from_the_whole_mesh() {
     let mut polygons = retarget::scan::Faces::default();
     faces.iter().for_each(|f| polygons.push(*f));
     let map = SurfaceMap::build_for_shell(&coarse, &rest, &polygons, &examples);
-    let skin = [(0, 0), (0, 13), (0, 26), (8, 7), (8, 27), (16, 20), (60, 7), (88, 12), (100, 30), (110, 0)]
-        .map(|(r, s)| r * SEGMENTS + s);
-    let centre = |x: &[DVec3], ring: usize| x[ring * SEGMENTS..(ring + 1) * SEGMENTS].iter().sum::<DVec3>() / SEGMENTS as f64;
     let solve = |body: &Body| -> (Vec<Vec<DVec3>>, f64) {
         let rows = SurfaceRows::new(body);
-        let places = skin.iter().map(|&v| rest[v]).chain([centre(&rest, 72), centre(&rest, 112)]);
-        let handles: Vec<Handle> =
-            places.enumerate().map(|(i, p)| Handle { name: format!("h{i}"), row: rows.row(p), beta: 1.0 }).collect();
+        let handles: Vec<Handle> = places(&rest)
+            .into_iter()
+            .enumerate()
+            .map(|(i, p)| Handle { name: format!("h{i}"), row: rows.row(p), beta: 1.0 })
+            .collect();
         let options = Options { steps: 60, decrease: 1e-9, still: 1e-8, ..Options::for_examples(2) };
         let mut shells = Shells::new(body, &handles, &[], &options).unwrap();
         let (mut poses, mut steps) = (Vec::new(), 0);
@@ -273,8 +489,7 @@ fn tables_1_and_2_time_and_distance_from_the_whole_mesh() {
         for t in 0..=20 {
             let t = f64::from(t) / 10.0;
             let x = arm(70.0 * t.min(1.0), 100.0 * (t - 1.0).max(0.0));
-            let positions = skin.iter().map(|&v| x[v]).chain([centre(&x, 72), centre(&x, 112)]).collect();
-            steps += shells.step(&Targets { positions, presence: vec![1.0; handles.len()] }).unwrap().passes;
+            steps += shells.step(&Targets { positions: places(&x), presence: vec![1.0; handles.len()] }).unwrap().passes;
             if t == 0.5 || t == 1.0 || t == 1.5 || t == 2.0 {
                 poses.push(shells.pose().to_vec());
             }

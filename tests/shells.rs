@@ -4,94 +4,11 @@
 
 mod common;
 
+use common::arm::{DIAGONAL, arm, faces, folder, path, write_obj};
 use common::{read_pc2, retarget, retarget_ok};
 use glam::{DMat3, DVec3};
 use serde_json::Value;
-use std::fmt::Write;
 use std::path::Path;
-
-const RINGS: usize = 61;
-const SEGMENTS: usize = 24;
-/// Length of the diagonal of the arm at rest, nearly.
-const DIAGONAL: f64 = 3.1;
-
-/// An arm of length 3 along x, with shoulder and elbow bent by so many degrees; the muscle swells with the elbow.
-fn arm(shoulder: f64, elbow: f64) -> Vec<DVec3> {
-    let smooth = |s: f64, at: f64| {
-        let t = ((s - at) / 0.8 + 0.5).clamp(0.0, 1.0);
-        t * t * (3.0 - 2.0 * t)
-    };
-    let turn = |s: f64| DMat3::from_rotation_z((shoulder * smooth(s, 0.85) + elbow * smooth(s, 1.8)).to_radians());
-    let (mut points, mut centre, mut before) = (Vec::new(), DVec3::ZERO, 0.0);
-    for ring in 0..RINGS {
-        let s = 3.0 * ring as f64 / (RINGS - 1) as f64;
-        centre += (s - before) * 0.5 * (turn(s) * DVec3::X + turn(before) * DVec3::X);
-        before = s;
-        for segment in 0..SEGMENTS {
-            let angle = std::f64::consts::TAU * segment as f64 / SEGMENTS as f64;
-            let muscle = 0.0025 * elbow * (-((s - 1.25) / 0.25).powi(2)).exp() * angle.cos().max(0.0);
-            let radius = (0.3 - 0.1 * smooth(s, 1.9)) * (1.0 + muscle) * (1.0 + 0.02 * (9.0 * angle).sin() * (20.0 * s).sin());
-            points.push(centre + radius * (turn(s) * (DVec3::Y * angle.cos() + DVec3::Z * angle.sin())));
-        }
-    }
-    points.push(DVec3::ZERO);
-    points.push(centre);
-    points
-}
-
-fn faces() -> Vec<[usize; 3]> {
-    let at = |ring: usize, segment: usize| ring * SEGMENTS + segment % SEGMENTS;
-    let mut faces = Vec::new();
-    for ring in 0..RINGS - 1 {
-        for segment in 0..SEGMENTS {
-            let (p, q, u, v) = (at(ring, segment), at(ring, segment + 1), at(ring + 1, segment), at(ring + 1, segment + 1));
-            faces.extend(if (ring + segment) % 2 == 0 { [[p, q, u], [q, v, u]] } else { [[p, q, v], [p, v, u]] });
-        }
-    }
-    let end = RINGS * SEGMENTS;
-    for segment in 0..SEGMENTS {
-        faces.push([at(0, segment + 1), at(0, segment), end]);
-        faces.push([at(RINGS - 1, segment), at(RINGS - 1, segment + 1), end + 1]);
-    }
-    faces
-}
-
-fn write_obj(path: &Path, points: &[DVec3], faces: &[[usize; 3]]) {
-    let mut text = String::new();
-    points.iter().for_each(|p| writeln!(text, "v {} {} {}", p.x, p.y, p.z).unwrap());
-    faces.iter().for_each(|[a, b, c]| writeln!(text, "f {} {} {}", a + 1, b + 1, c + 1).unwrap());
-    std::fs::write(path, text).unwrap();
-}
-
-/// Angles of shoulder and elbow in each frame; the first is at rest.
-fn path() -> Vec<(f64, f64)> {
-    (0..=20).map(|t| f64::from(t) / 10.0).map(|t| (70.0 * t.min(1.0), 100.0 * (t - 1.0).max(0.0))).collect()
-}
-
-/// A folder with the arm, its examples (the elbow's turned and moved), and the table of handles that are led along the path.
-fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    let faces = faces();
-    write_obj(&at("arm.obj"), &arm(0.0, 0.0), &faces);
-    let turn = DMat3::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 2.3);
-    let turned: Vec<DVec3> = arm(0.0, 100.0).iter().map(|p| turn * *p + DVec3::new(3.0, -2.0, 1.0)).collect();
-    write_obj(&at("elbow.obj"), &arm(0.0, 100.0), &faces);
-    write_obj(&at("turned.obj"), &turned, &faces);
-    write_obj(&at("shoulder.obj"), &arm(70.0, 0.0), &faces);
-    let mut table = "frame,name,x,y,z\n".to_owned();
-    for (frame, (shoulder, elbow)) in path().into_iter().enumerate() {
-        let points = arm(shoulder, elbow);
-        for (ring, segment) in
-            [(0, 0), (0, 8), (0, 16), (4, 4), (4, 16), (30, 3), (36, 2), (36, 14), (44, 8), (50, 20), (57, 0), (57, 12)]
-        {
-            let p = points[ring * SEGMENTS + segment];
-            writeln!(table, "{frame},h{ring}_{segment},{},{},{}", p.x, p.y, p.z).unwrap();
-        }
-    }
-    std::fs::write(at("take.csv"), table).unwrap();
-    folder
-}
 
 /// Largest distance of a frame from the arm with these angles, in diagonals, wherever it lies.
 fn off_anywhere(frame: &[[f32; 3]], shoulder: f64, elbow: f64) -> f64 {
@@ -170,6 +87,24 @@ fn outputs_are_the_same_bytes_for_any_number_of_threads() {
 }
 
 #[test]
+fn what_set_up_computes_of_a_shell_is_kept_and_other_examples_are_another_one() {
+    let folder = folder();
+    let run = |examples: &[&str], cache: bool| {
+        let fixed = ["arm.obj", "take.csv", "--force", "-o", "out.pc2", "--proxy-vertices", "300", "--examples"];
+        let cache: &[&str] = if cache { &["--cache", "kept"] } else { &[] };
+        retarget_ok(folder.path(), fixed.iter().chain(examples).chain(cache));
+        std::fs::read(folder.path().join("out.pc2")).unwrap()
+    };
+    let kept = || std::fs::read_dir(folder.path().join("kept")).unwrap().count();
+    let (both, one) = (["elbow.obj", "shoulder.obj"], ["elbow.obj"]);
+    let expected = [run(&both, false), run(&one, false)];
+    assert!(run(&both, true) == expected[0]);
+    let first = kept();
+    assert!(run(&both, true) == expected[0] && kept() == first && first >= 2, "{first} files");
+    assert!(run(&one, true) == expected[1] && kept() > first);
+}
+
+#[test]
 fn a_pose_of_another_mesh_is_refused_with_what_differs() {
     let folder = folder();
     let at = |name: &str| folder.path().join(name);
@@ -185,6 +120,8 @@ fn a_pose_of_another_mesh_is_refused_with_what_differs() {
         (vec!["--examples", "none.obj"], vec!["none.obj"], 1),
         (vec!["--examples", "elbow.obj", "--method", "volumetric"], vec!["--method volumetric"], 2),
         (vec!["--method", "shells", "--proxy", "p.mesh"], vec!["--proxy"], 2),
+        (vec!["--method", "shells", "--map", "paper"], vec!["--map paper with shells"], 2),
+        (vec!["--method", "shells", "--solve-tolerance", "1e-6"], vec!["--solve-tolerance with shells", "--quality"], 2),
         (vec!["--thickness", "1"], vec!["--thickness without shells"], 2),
         (vec!["--shell-weights", "paper"], vec!["--shell-weights without shells"], 2),
         (vec!["--example-scale", "auto"], vec!["--example-scale without examples"], 2),
@@ -250,4 +187,40 @@ fn weights_may_come_from_a_table_and_what_does_not_fit_is_refused() {
         assert!(words.iter().all(|w| said.contains(w)), "{said}");
         assert!(!at("x.obj").exists() && !at("x.pc2").exists());
     }
+}
+
+#[test]
+fn a_real_walk_with_examples_is_as_calm_as_without() {
+    let Some(data) = common::shared() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let poses = data.join("meshes/examples/human_makehuman_male");
+    let pose = |name: &str| poses.join(format!("{name}.obj.gz")).display().to_string();
+    let take = |name: &str| data.join(format!("motion/c3d/{name}.c3d")).display().to_string();
+    let run = |examples: &[&str]| -> Vec<Vec<[f32; 3]>> {
+        let mut arguments = vec![pose("00_rest_apose"), take("pig_antom_walk"), "--ref-file".into(), take("pig_antom_static")];
+        arguments.extend(["--force", "--frames", "200..400", "--report", "report.json", "-o", "out.pc2"].map(String::from));
+        if !examples.is_empty() {
+            arguments.push("--examples".into());
+            arguments.extend(examples.iter().map(|name| pose(name)));
+        }
+        retarget_ok(folder.path(), arguments);
+        read_pc2(&folder.path().join("out.pc2"))
+    };
+    // Second differences between frames, millimetres.
+    let jerk = |frames: &[Vec<[f32; 3]>]| -> f64 {
+        let at = |f: usize, v: usize| DVec3::from(frames[f][v].map(f64::from));
+        let each = (1..frames.len() - 1)
+            .flat_map(|f| (0..frames[f].len()).map(move |v| (at(f + 1, v) - 2.0 * at(f, v) + at(f - 1, v)).length()));
+        1e3 * each.fold(0.0, f64::max)
+    };
+    let volumetric = jerk(&run(&[]));
+    let names = ["03_walk_left_forward", "04_walk_right_forward", "05_run", "06_arms_up", "07_squat_arms_forward", "08_sit"];
+    let shells = jerk(&run(&[&names[..], &["09_kick_right", "11_forward_bend"]].concat()));
+    let report: Value = serde_json::from_str(&std::fs::read_to_string(folder.path().join("report.json")).unwrap()).unwrap();
+    let weights = |f: &Value| -> Vec<f64> { f["weights"].as_array().unwrap().iter().map(|w| w.as_f64().unwrap()).collect() };
+    let all: Vec<Vec<f64>> = report["frames"].as_array().unwrap().iter().map(weights).collect();
+    let second = |w: &[Vec<f64>]| (0..w[0].len()).map(|i| (w[0][i] - 2.0 * w[1][i] + w[2][i]).abs()).fold(0.0, f64::max);
+    let leap = all.windows(3).map(second).fold(0.0, f64::max);
+    eprintln!("second differences: {shells:.1} mm, {volumetric:.1} volumetric; of the weights {leap:.3}");
+    assert!(shells < 1.5 * volumetric && leap < 0.1, "{shells} {volumetric} {leap}");
 }

@@ -58,6 +58,48 @@ pub(super) fn map_of(
     Ok(map)
 }
 
+/// The coarse mesh of a shell, from the cache where it is there.
+fn shell_of(
+    args: &Animate,
+    cache: Option<&Cache>,
+    points: &[DVec3],
+    triangles: &[[u32; 3]],
+    examples: &Examples,
+    cancel: &Cancel,
+) -> Result<Body> {
+    let key = Key::new("shell").plain(points).plain(triangles).plain(&[args.proxy_vertices.unwrap_or(0)]);
+    let key = examples.poses.iter().fold(key, |key, pose| key.plain(pose));
+    if let Some(body) = cache.and_then(|cache| cache.get(&key)) {
+        return Ok(body);
+    }
+    let body = shells::body(points, triangles, examples, args.proxy_vertices, &|| cancel.check())?;
+    if let Some(cache) = cache {
+        cache.keep(&key, &body);
+    }
+    Ok(body)
+}
+
+/// The map from a shell to the scan, from the cache where it is there.
+pub(super) fn map_of_shell(
+    cache: Option<&Cache>,
+    body: &Body,
+    points: &[DVec3],
+    faces: &Faces,
+    examples: &Examples,
+) -> SurfaceMap {
+    let key = Key::new("shell map").plain(&body.proxy.rest).plain(&body.proxy.boundary).plain(&body.places).plain(&body.roots);
+    let key = key.plain(points).plain(&faces.starts).plain(&faces.corners);
+    let key = body.examples.iter().chain(&examples.poses).fold(key, |key, pose| key.plain(pose));
+    if let Some(map) = cache.and_then(|cache| cache.get(&key)) {
+        return map;
+    }
+    let map = SurfaceMap::build_for_shell(body, points, faces, &examples.poses);
+    if let Some(cache) = cache {
+        cache.keep(&key, &map);
+    }
+    map
+}
+
 /// The proxy: built from the scan, or read from `--proxy`, or from the cache where it is there.
 #[allow(clippy::too_many_arguments)]
 pub(super) fn body(
@@ -71,7 +113,7 @@ pub(super) fn body(
     cancel: &Cancel,
 ) -> Result<Made> {
     if args.shells.are_chosen()? {
-        let mut body = shells::body(points, triangles, examples, args.proxy_vertices, &|| cancel.check())
+        let mut body = shell_of(args, cache, points, triangles, examples, cancel)
             .map_err(|e| if e.file.is_none() && e.kind != Kind::Interrupted { e.file(&scan.source) } else { e })?;
         let (proxy, notes) = (body.proxy.clone(), std::mem::take(&mut body.notes));
         let words = body.words();

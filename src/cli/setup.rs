@@ -8,7 +8,7 @@ use super::decisions::{
 };
 use super::grown::{self, Recut};
 use super::picture::{self, Bound, Unbound};
-use super::proxies::{Made, body, map_of};
+use super::proxies::{Made, body, map_of, map_of_shell};
 use super::rig::Rig;
 use super::shells::{self, Examples};
 use crate::binding::regions::Subject;
@@ -171,7 +171,7 @@ impl Setup {
         }
         let (map, deformer) = rayon::join(
             || match &shell {
-                Some(body) => Ok(SurfaceMap::build_for_shell(body, &points, &scan.mesh.faces, &examples.poses)),
+                Some(body) => Ok(map_of_shell(cache.as_ref(), body, &points, &scan.mesh.faces, &examples)),
                 None => map_of(args, cache.as_ref(), &proxy, &points, &scan.mesh.faces, apart.as_ref()),
             },
             || deformer(args, &proxy, shell.as_ref(), &handles, &oriented, &regions),

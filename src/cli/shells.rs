@@ -118,16 +118,16 @@ impl ShellArgs {
         }
     }
 
-    /// What cannot be asked for together.
+    /// What cannot be asked for together. `others`: options of the volumetric deformer, whether they are given, and what shells have in their place.
     ///
     /// # Errors
     /// [`Kind::Usage`].
-    pub(super) fn check(&self, proxy: bool) -> Result<()> {
+    pub(super) fn check(&self, others: &[(bool, &'static str, &'static str)]) -> Result<()> {
         let is_shell = self.are_chosen()?;
-        if is_shell && proxy {
-            return Err(Error::new(Kind::Usage, "--proxy with shells")
-                .expected("a tetrahedral proxy for the volumetric deformer only")
-                .hint("--proxy-vertices N"));
+        if let Some((_, option, hint)) = others.iter().find(|o| is_shell && o.0) {
+            return Err(Error::new(Kind::Usage, format!("{option} with shells"))
+                .expected(format!("{option} for the volumetric deformer only"))
+                .hint(*hint));
         }
         let of_examples = [
             (self.weight_range.is_some(), "--weight-range"),
@@ -317,7 +317,7 @@ mod tests {
     #[test]
     fn options_without_what_they_are_for_are_refused_by_name() {
         let refused = |args: &ShellArgs, option: &str| {
-            let error = args.check(false).expect_err(option);
+            let error = args.check(&[]).expect_err(option);
             assert!(error.kind == Kind::Usage && error.to_string().contains(option), "{error}");
         };
         let shells = || ShellArgs { method: Method::Shells, ..ShellArgs::default() };
@@ -328,7 +328,7 @@ mod tests {
         let thick = MaterialArgs { thickness: Some(1.0), ..MaterialArgs::default() };
         let weighted = MaterialArgs { shell_weights: Some(ShellWeights::Paper), ..MaterialArgs::default() };
         for args in [ShellArgs::default(), ShellArgs { method: Method::Volumetric, ..ShellArgs::default() }] {
-            assert!(args.check(false).is_ok());
+            assert!(args.check(&[]).is_ok());
             refused(&ShellArgs { material: thick.clone(), ..args.clone() }, "--thickness");
             refused(&ShellArgs { material: weighted.clone(), ..args }, "--shell-weights");
         }
@@ -337,10 +337,14 @@ mod tests {
             refused(&ShellArgs { example_scale: scale, ..args.clone() }, "--example-scale");
             refused(&ShellArgs { material: learnt.clone(), ..args }, "--learn-stiffness");
         }
-        assert!(ShellArgs { material: thick, ..shells() }.check(false).is_ok());
-        assert!(ShellArgs { material: weighted, ..shells() }.check(false).is_ok());
+        let others = [(false, "--proxy", ""), (true, "--map paper", "leave it out")];
+        let error = shells().check(&others).expect_err("--map paper");
+        assert!(error.kind == Kind::Usage && error.to_string().contains("--map paper with shells"), "{error}");
+        assert!(ShellArgs::default().check(&others).is_ok());
+        assert!(ShellArgs { material: thick, ..shells() }.check(&[]).is_ok());
+        assert!(ShellArgs { material: weighted, ..shells() }.check(&[]).is_ok());
         let all = ShellArgs { weight_range: range, example_scale: scale, material: learnt, ..examples() };
-        assert!(all.check(false).is_ok());
+        assert!(all.check(&[]).is_ok());
     }
 
     #[test]

@@ -6,6 +6,7 @@ use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+pub mod arm;
 pub mod c3d_writer;
 pub mod cache_readers;
 

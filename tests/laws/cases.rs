@@ -2,10 +2,13 @@
 
 use super::shapes::{self, Shape};
 use glam::{DQuat, DVec3};
+use retarget::deform::shells::{self, Body, Shells, SurfaceRows};
 use retarget::deform::volumetric::{Options, Volumetric};
 use retarget::deform::{Deformer, Handle, Targets};
+use retarget::linalg::SparseRow;
 use retarget::proxy::rows::{HandleRows, MapKind};
 use retarget::proxy::{BuildOptions, Proxy, build};
+use retarget::scan::Faces;
 use retarget::surface::SurfaceMap;
 use std::sync::OnceLock;
 
@@ -20,30 +23,77 @@ impl Watched for Volumetric {
     }
 }
 
+impl Watched for Shells {
+    fn energies(&self) -> &[f64] {
+        Shells::energies(self)
+    }
+}
+
+/// What a body is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stuff {
+    Tetrahedra,
+    Shell,
+}
+
 /// A way to make a deformer for a body with handles.
 #[derive(Clone, Copy)]
 pub struct Maker {
     pub name: &'static str,
-    pub make: fn(&Proxy, &[Handle]) -> Box<dyn Watched>,
+    pub stuff: Stuff,
+    make: fn(&Posable, &[Handle]) -> Box<dyn Watched>,
+}
+
+impl Maker {
+    pub fn make(&self, body: &Posable, handles: &[Handle]) -> Box<dyn Watched> {
+        (self.make)(body, handles)
+    }
 }
 
 /// All deformers under the laws: a new one is one more entry.
-pub const MAKERS: [Maker; 2] = [
-    Maker { name: "volumetric", make: |proxy, handles| volumetric(proxy, handles, Options::default()) },
+pub const MAKERS: [Maker; 3] = [
+    Maker { name: "volumetric", stuff: Stuff::Tetrahedra, make: |b, h| volumetric(b, h, Options::default()) },
     Maker {
         name: "volumetric without bulk",
-        make: |proxy, handles| volumetric(proxy, handles, Options { bulk: 0.0, ..Options::default() }),
+        stuff: Stuff::Tetrahedra,
+        make: |b, h| volumetric(b, h, Options { bulk: 0.0, ..Options::default() }),
+    },
+    Maker { name: "shells with examples", stuff: Stuff::Shell, make: |b, h| shell(b, h, |_| ()) },
+];
+
+/// Those that do not end before a frame is solved almost to rounding: for poses that are reached by two ways.
+pub const EXACT: [Maker; 2] = [
+    Maker {
+        name: "volumetric, converged",
+        stuff: Stuff::Tetrahedra,
+        make: |b, h| volumetric(b, h, Options { tolerance: Options::CONVERGED, ..Options::default() }),
+    },
+    Maker {
+        name: "shells with examples, converged",
+        stuff: Stuff::Shell,
+        make: |b, h| shell(b, h, |o| (o.steps, o.decrease, o.still) = (60, 1e-10, 1e-8)),
     },
 ];
 
-/// One that does not end before a frame is solved almost to rounding: for poses that are reached by two ways.
-pub const EXACT: Maker = Maker {
-    name: "volumetric, converged",
-    make: |proxy, handles| volumetric(proxy, handles, Options { tolerance: Options::CONVERGED, ..Options::default() }),
-};
+fn volumetric(body: &Posable, handles: &[Handle], options: Options) -> Box<dyn Watched> {
+    Box::new(Volumetric::new(&body.proxy, handles, &options).unwrap())
+}
 
-fn volumetric(proxy: &Proxy, handles: &[Handle], options: Options) -> Box<dyn Watched> {
-    Box::new(Volumetric::new(proxy, handles, &options).unwrap())
+fn shell(body: &Posable, handles: &[Handle], change: fn(&mut shells::Options)) -> Box<dyn Watched> {
+    let mut options = shells::Options::for_examples(body.examples.len());
+    change(&mut options);
+    let body = Body { proxy: body.proxy.clone(), examples: body.examples.clone(), ..Body::default() };
+    Box::new(Shells::new(&body, handles, &[], &options).unwrap())
+}
+
+/// What a deformer is made for.
+#[derive(Clone)]
+pub struct Posable {
+    pub proxy: Proxy,
+    /// Of a shell: positions of its vertices in other poses.
+    pub examples: Vec<Vec<DVec3>>,
+    /// Vertices, without the points off the triangles that a shell's proxy has after them.
+    pub vertices: usize,
 }
 
 /// A motion of space that drags the handles along.
@@ -67,10 +117,15 @@ pub const TAKES: [Take; 3] = [
     },
 ];
 
-/// A shape with its proxy, map and handles.
+/// Handles of a case, on the farthest points of the shape.
+const HANDLES: usize = 16;
+/// Vertices of the surface of a body.
+const VERTICES: usize = 500;
+
+/// A shape with its body, map and handles.
 pub struct Case {
     pub shape: Shape,
-    pub proxy: Proxy,
+    pub body: Posable,
     pub map: SurfaceMap,
     pub handles: Vec<Handle>,
     /// Attachment of each handle.
@@ -78,15 +133,44 @@ pub struct Case {
 }
 
 impl Case {
+    /// A body of tetrahedra.
     pub fn new(shape: Shape, kind: MapKind) -> Self {
-        let options = BuildOptions { surface_vertices: 500 };
+        let options = BuildOptions { surface_vertices: VERTICES };
         let proxy = build(&shape.points, &shape.triangles, &options, &|| Ok(())).unwrap().proxy;
         let map = SurfaceMap::build(&proxy, &shape.points, kind).unwrap();
         let rows = HandleRows::new(&proxy, kind);
-        let rest = shape.spread(16);
-        let handles =
-            rest.iter().enumerate().map(|(i, &p)| Handle { name: format!("h{i}"), row: rows.row(p), beta: 1.0 }).collect();
-        Self { shape, proxy, map, handles, rest }
+        let rest = shape.spread(HANDLES);
+        let handles = rest.iter().enumerate().map(|(i, &p)| handle(i, rows.row(p))).collect();
+        let body = Posable { vertices: proxy.rest.len(), proxy, examples: Vec::new() };
+        Self { shape, body, map, handles, rest }
+    }
+
+    /// A shell, with examples.
+    pub fn shell(shape: Shape) -> Self {
+        let examples = shape.examples();
+        let body = Body::build(&shape.points, &shape.triangles, &examples, VERTICES, &|| Ok(())).unwrap();
+        let mut faces = Faces::default();
+        shape.triangles.iter().for_each(|t| faces.push(*t));
+        let map = SurfaceMap::build_for_shell(&body, &shape.points, &faces, &examples);
+        let rows = SurfaceRows::new(&body);
+        let mut rest = shape.spread(HANDLES);
+        // Surfaces that run into each other hold by handles of their own.
+        let components = body.proxy.components.iter().max().map_or(0, |last| last + 1);
+        if components > 1 {
+            let corner = |t: usize| body.proxy.rest[body.proxy.boundary[t][0] as usize];
+            for component in 0..components {
+                let own: Vec<usize> = (0..body.proxy.boundary.len()).filter(|t| body.proxy.components[*t] == component).collect();
+                rest.extend((0..4).map(|k| corner(own[k * (own.len() - 1) / 3])));
+            }
+        }
+        let handles = rest.iter().enumerate().map(|(i, &p)| handle(i, rows.row(p))).collect();
+        let vertices = body.vertices();
+        Self { shape, body: Posable { proxy: body.proxy, examples: body.examples, vertices }, map, handles, rest }
+    }
+
+    /// A deformer for this case.
+    pub fn make(&self, maker: Maker) -> Box<dyn Watched> {
+        maker.make(&self.body, &self.handles)
     }
 
     pub fn targets(&self, motion: impl Fn(DVec3) -> DVec3) -> Targets {
@@ -100,7 +184,7 @@ impl Case {
 
     /// A deformer that has played `frames` frames of a take after its start at rest; `see` is called after each.
     pub fn play(&self, maker: Maker, take: &Take, frames: usize, mut see: impl FnMut(&dyn Watched)) -> Box<dyn Watched> {
-        let mut deformer = (maker.make)(&self.proxy, &self.handles);
+        let mut deformer = self.make(maker);
         deformer.start(&self.at(take, 0.0)).unwrap();
         see(&*deformer);
         for k in 1..=frames {
@@ -133,15 +217,28 @@ pub fn distance(a: &[DVec3], b: &[DVec3]) -> f64 {
     largest(a.iter().zip(b).map(|(p, q)| p.distance(*q)))
 }
 
-/// All meshes, made once.
-pub fn cases() -> &'static [Case] {
-    static CASES: OnceLock<Vec<Case>> = OnceLock::new();
-    CASES.get_or_init(|| shapes::all().into_iter().map(|s| Case::new(s, MapKind::Ring)).collect())
+fn handle(number: usize, row: SparseRow) -> Handle {
+    Handle { name: format!("h{number}"), row, beta: 1.0 }
+}
+
+/// All meshes as bodies of this kind, made once.
+pub fn cases(stuff: Stuff) -> &'static [Case] {
+    static TETRAHEDRA: OnceLock<Vec<Case>> = OnceLock::new();
+    static SHELLS: OnceLock<Vec<Case>> = OnceLock::new();
+    match stuff {
+        Stuff::Tetrahedra => TETRAHEDRA.get_or_init(|| shapes::all().into_iter().map(|s| Case::new(s, MapKind::Ring)).collect()),
+        Stuff::Shell => SHELLS.get_or_init(|| shapes::all().into_iter().filter(|s| s.is_surface).map(Case::shell).collect()),
+    }
+}
+
+/// The cases of every kind.
+pub fn all_cases() -> impl Iterator<Item = &'static Case> {
+    [Stuff::Tetrahedra, Stuff::Shell].into_iter().flat_map(cases)
 }
 
 /// A deformer with every mesh and every take.
 pub fn with_all(maker: Maker) -> impl Iterator<Item = (Maker, &'static Case, &'static Take)> {
-    cases().iter().flat_map(move |c| TAKES.iter().map(move |t| (maker, c, t)))
+    cases(maker.stuff).iter().flat_map(move |c| TAKES.iter().map(move |t| (maker, c, t)))
 }
 
 /// Every deformer with every mesh and every take.

@@ -11,11 +11,10 @@ mod program;
 mod shapes;
 mod tally;
 
-use cases::{Case, EXACT, MAKERS, TAKES, cases, combinations, distance, largest, with_all};
+use cases::{Case, EXACT, MAKERS, Posable, Stuff, TAKES, all_cases, cases, combinations, distance, largest, with_all};
 use glam::{DMat3, DQuat, DVec3};
 use proptest::prelude::*;
 use retarget::linalg::SparseRow;
-use retarget::proxy::Proxy;
 use retarget::proxy::rows::MapKind;
 use tally::Tally;
 
@@ -36,8 +35,8 @@ const FRAMES: usize = 6;
 fn rest_in_gives_rest_out() {
     let mut tally = Tally::new("rest in, rest out", REST);
     for maker in MAKERS {
-        for case in cases() {
-            let mut deformer = (maker.make)(&case.proxy, &case.handles);
+        for case in cases(maker.stuff) {
+            let mut deformer = case.make(maker);
             deformer.start(&case.targets(|p| p)).unwrap();
             tally.note(case, None, maker.name, case.error(deformer.pose(), |p| p));
             deformer.step(&case.targets(|p| p)).unwrap();
@@ -69,8 +68,8 @@ fn rows_sum_to_one_and_reproduce_affine_maps() {
     let mut sums = Tally::new("rows of the map sum to 1", 1e-6);
     let a = DMat3::from_cols(DVec3::new(1.1, 0.2, -0.1), DVec3::new(-0.3, 0.8, 0.1), DVec3::new(0.05, 0.2, 1.3));
     let affine = |p: DVec3| a * p + DVec3::new(0.2, -0.1, 0.3);
-    for case in cases() {
-        let posed: Vec<DVec3> = case.proxy.rest.iter().map(|&p| affine(p)).collect();
+    for case in all_cases() {
+        let posed: Vec<DVec3> = case.body.proxy.rest.iter().map(|&p| affine(p)).collect();
         tally.note(case, None, "map", case.error(&posed, affine));
         let each = (0..case.map.len()).step_by(7).map(|v| (case.map.row(v).values.iter().sum::<f64>() - 1.0).abs());
         sums.note(case, None, "map", largest(each));
@@ -85,11 +84,11 @@ fn rows_sum_to_one_and_reproduce_affine_maps() {
 #[test]
 fn the_map_of_the_paper_keeps_the_same_laws() {
     let case = Case::new(shapes::bar(), MapKind::Paper);
-    let mut deformer = (MAKERS[0].make)(&case.proxy, &case.handles);
+    let mut deformer = case.make(MAKERS[0]);
     deformer.start(&case.targets(|p| p)).unwrap();
     assert!(case.error(deformer.pose(), |p| p) < REST);
     let shear = |p: DVec3| DVec3::new(p.x + 0.3 * p.y, p.y, p.z - 0.1 * p.x);
-    let posed: Vec<DVec3> = case.proxy.rest.iter().map(|&p| shear(p)).collect();
+    let posed: Vec<DVec3> = case.body.proxy.rest.iter().map(|&p| shear(p)).collect();
     assert!(case.error(&posed, shear) < 1e-6);
 }
 
@@ -97,8 +96,8 @@ fn the_map_of_the_paper_keeps_the_same_laws() {
 fn a_released_handle_pulls_no_more() {
     let mut tally = Tally::new("a released handle does not pull", RIGID);
     for maker in MAKERS {
-        for case in cases() {
-            let mut deformer = (maker.make)(&case.proxy, &case.handles);
+        for case in cases(maker.stuff) {
+            let mut deformer = case.make(maker);
             let mut targets = case.targets(|p| p);
             deformer.start(&targets).unwrap();
             targets.positions[3] += DVec3::new(0.2, 0.1, 0.0);
@@ -146,27 +145,31 @@ fn the_energy_never_rises_within_a_frame() {
 fn a_still_tail_changes_nothing_in_either_direction_of_time() {
     let mut still = Tally::new("a still tail leaves the pose", CREEP);
     let mut reversed = Tally::new("a tail that sways back to its beginning, reversed in time, ends in the same pose", SOLVED);
-    for (case, take) in cases().iter().flat_map(|c| TAKES.iter().map(move |t| (c, t))) {
-        let mut deformer = case.play(EXACT, take, FRAMES, |_| ());
+    for (maker, case, take) in EXACT.into_iter().flat_map(with_all) {
+        let mut deformer = case.play(maker, take, FRAMES, |_| ());
         // One frame in which the velocity of the take dies away.
         deformer.step(&case.at(take, 1.0)).unwrap();
         let before = deformer.pose().to_vec();
         for _ in 0..4 {
             deformer.step(&case.at(take, 1.0)).unwrap();
         }
-        still.note(case, Some(take), EXACT.name, distance(deformer.pose(), &before));
+        still.note(case, Some(take), maker.name, distance(deformer.pose(), &before));
 
+        // A thin shell has several minima, and the way decides among them.
+        if maker.stuff == Stuff::Shell {
+            continue;
+        }
         let sway = [1.0, 0.99, 0.97, 0.98, 0.985, 1.0, 1.0];
         let mut ends = Vec::new();
         for backwards in [false, true] {
-            let mut deformer = case.play(EXACT, take, FRAMES, |_| ());
+            let mut deformer = case.play(maker, take, FRAMES, |_| ());
             for k in 0..sway.len() {
                 deformer.step(&case.at(take, sway[if backwards { sway.len() - 1 - k } else { k }])).unwrap();
             }
             deformer.step(&case.at(take, 1.0)).unwrap();
             ends.push(deformer.pose().to_vec());
         }
-        reversed.note(case, Some(take), EXACT.name, distance(&ends[0], &ends[1]));
+        reversed.note(case, Some(take), maker.name, distance(&ends[0], &ends[1]));
     }
     still.close();
     reversed.close();
@@ -178,7 +181,7 @@ fn residuals_fall_as_weights_rise() {
     for (maker, case, take) in combinations() {
         let residual = |beta: f64| {
             let handles: Vec<_> = case.handles.iter().map(|h| retarget::deform::Handle { beta, ..h.clone() }).collect();
-            let mut deformer = (maker.make)(&case.proxy, &handles);
+            let mut deformer = maker.make(&case.body, &handles);
             deformer.start(&case.at(take, 0.0)).unwrap();
             let targets = case.at(take, 0.5);
             deformer.step(&targets).unwrap();
@@ -197,8 +200,8 @@ fn doubled_handles_do_not_tear() {
     for (maker, case, take) in combinations() {
         let count = case.handles.len();
         let handles: Vec<_> = case.handles.iter().chain(&case.handles).cloned().collect();
-        let mut deformer = (maker.make)(&case.proxy, &handles);
-        let mut single = (maker.make)(&case.proxy, &case.handles);
+        let mut deformer = maker.make(&case.body, &handles);
+        let mut single = case.make(maker);
         let doubled = |t: f64| {
             let mut targets = case.at(take, t);
             targets.positions.extend_from_within(..);
@@ -216,27 +219,29 @@ fn doubled_handles_do_not_tear() {
         }
         // Against the same take with single handles: edges that the take itself stretches do not count.
         let length = |pose: &[DVec3], a: u32, b: u32| pose[a as usize].distance(pose[b as usize]);
-        let edges = case.proxy.boundary.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
-        let long = edges.filter(|&(a, b)| length(&case.proxy.rest, a, b) > 0.01);
+        let edges = case.body.proxy.boundary.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
+        let long = edges.filter(|&(a, b)| length(&case.body.proxy.rest, a, b) > 0.01);
         let stretch = long.map(|(a, b)| length(deformer.pose(), a, b) / length(single.pose(), a, b));
         tally.note(case, Some(take), maker.name, largest(stretch));
     }
     tally.close();
 }
 
-/// The proxy under a map of space, with its vertices in another order: vertex `v` becomes `order[v]`.
-fn moved(proxy: &Proxy, order: &[u32], motion: impl Fn(DVec3) -> DVec3, mirrored: bool) -> Proxy {
-    let mut out = proxy.clone();
-    for (v, p) in proxy.rest.iter().enumerate() {
-        out.rest[order[v] as usize] = motion(*p);
-    }
-    for tet in &mut out.tets {
+/// A body under a map of space, with its vertices in another order: vertex `v` becomes `order[v]`.
+fn moved(body: &Posable, order: &[u32], motion: impl Fn(DVec3) -> DVec3, mirrored: bool) -> Posable {
+    let mut out = body.clone();
+    let place = |from: &[DVec3], to: &mut [DVec3]| {
+        from.iter().zip(order).for_each(|(p, &v)| to[v as usize] = motion(*p));
+    };
+    place(&body.proxy.rest, &mut out.proxy.rest);
+    body.examples.iter().zip(&mut out.examples).for_each(|(from, to)| place(from, to));
+    for tet in &mut out.proxy.tets {
         *tet = tet.map(|v| order[v as usize]);
         if mirrored {
             tet.swap(2, 3);
         }
     }
-    for face in &mut out.boundary {
+    for face in &mut out.proxy.boundary {
         *face = face.map(|v| order[v as usize]);
         if mirrored {
             face.swap(1, 2);
@@ -257,13 +262,19 @@ fn mirrored_scaled_turned_and_renumbered_bodies_give_the_same_poses() {
         ("renumbered body, renumbered pose (same tetrahedra)", TWO_WAYS, 1.0, false, true, Box::new(|p| p)),
     ];
     for (law, limit, scale, mirrored, renumbered, map) in maps {
-        let makers: &[_] = if limit == TWO_WAYS { &[EXACT] } else { &MAKERS };
+        // The pull of a shell's handles is measured by the diagonal of the box around it, which a turn changes.
+        let makers: &[_] = match (limit == TWO_WAYS, renumbered) {
+            (true, true) => &EXACT,
+            (true, false) => &EXACT[..1],
+            (false, _) => &MAKERS,
+        };
         let mut tally = Tally::new(law, limit);
         for (maker, case, take) in makers.iter().flat_map(|maker| with_all(*maker)) {
-            let count = case.proxy.rest.len() as u32;
+            let count = case.body.vertices as u32;
             let step = (2..).find(|s| !count.is_multiple_of(*s) && (1..*s).all(|d| d == 1 || s % d != 0)).unwrap();
-            let order: Vec<u32> = (0..count).map(|v| if renumbered { (v * step + 5) % count } else { v }).collect();
-            let proxy = moved(&case.proxy, &order, &map, mirrored);
+            let all = case.body.proxy.rest.len() as u32;
+            let order: Vec<u32> = (0..all).map(|v| if renumbered && v < count { (v * step + 5) % count } else { v }).collect();
+            let body = moved(&case.body, &order, &map, mirrored);
             let handles: Vec<_> = case
                 .handles
                 .iter()
@@ -274,8 +285,8 @@ fn mirrored_scaled_turned_and_renumbered_bodies_give_the_same_poses() {
                     retarget::deform::Handle { row: SparseRow { indices, values }, ..h.clone() }
                 })
                 .collect();
-            let mut there = (maker.make)(&proxy, &handles);
-            let mut here = (maker.make)(&case.proxy, &case.handles);
+            let mut there = maker.make(&body, &handles);
+            let mut here = case.make(maker);
             for k in 0..2 {
                 let targets = case.at(take, 0.2 * f64::from(k));
                 let mut other = targets.clone();
@@ -298,11 +309,11 @@ fn mirrored_scaled_turned_and_renumbered_bodies_give_the_same_poses() {
 #[test]
 fn renumbered_scan_vertices_are_mapped_to_the_same_places() {
     let mut tally = Tally::new("renumbered scan vertices, renumbered output (same proxy)", 0.0);
-    for case in cases() {
+    for case in cases(Stuff::Tetrahedra) {
         let backwards: Vec<DVec3> = case.shape.points.iter().rev().copied().collect();
-        let map = retarget::surface::SurfaceMap::build(&case.proxy, &backwards, MapKind::Ring).unwrap();
+        let map = retarget::surface::SurfaceMap::build(&case.body.proxy, &backwards, MapKind::Ring).unwrap();
         for take in &TAKES {
-            let pose: Vec<DVec3> = case.proxy.rest.iter().map(|&p| (take.motion)(0.5, p)).collect();
+            let pose: Vec<DVec3> = case.body.proxy.rest.iter().map(|&p| (take.motion)(0.5, p)).collect();
             let mut out = vec![Vec::new()];
             map.apply(&[&pose], &mut out);
             let mut there: Vec<DVec3> = out[0].iter().map(|p| DVec3::from(p.map(f64::from))).collect();
@@ -326,8 +337,8 @@ proptest! {
         let motion = |p: DVec3| rotation * p + DVec3::from(shift);
         let mut tally = Tally::new("rigid in, rigid out", RIGID);
         for maker in MAKERS {
-            for case in cases() {
-                let mut deformer = (maker.make)(&case.proxy, &case.handles);
+            for case in cases(maker.stuff) {
+                let mut deformer = case.make(maker);
                 deformer.start(&case.targets(motion)).unwrap();
                 tally.note(case, None, maker.name, case.error(deformer.pose(), motion));
             }

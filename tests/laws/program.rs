@@ -1,6 +1,6 @@
 //! Laws of the whole program, from files to files.
 
-use super::cases::{Case, TAKES, Take, cases, largest};
+use super::cases::{Case, Stuff, TAKES, Take, cases, largest};
 use super::common::c3d_writer::C3dFile;
 use super::common::{fixture, read_pc2, retarget_ok};
 use super::tally::Tally;
@@ -9,7 +9,7 @@ use retarget::capture::{self, MarkerTake, Motion};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Meshes made here: the program is run on these, so that it takes seconds.
+/// Meshes that are always there: the program is run on these, so that it takes seconds.
 const OWN: usize = 9;
 /// Frames of a take.
 const FRAMES: usize = 12;
@@ -50,11 +50,36 @@ fn markers(case: &Case, take: &Take, frames: usize) -> Frames {
     (0..frames).map(|k| case.rest.iter().map(|&p| (take.motion)(time(k), p)).collect()).collect()
 }
 
-/// Writes scan and capture, runs the program as it is in the scan's space, and reads the cache.
-fn run(points: &[DVec3], triangles: &[[u32; 3]], markers: &[Vec<DVec3>], more: &[&str]) -> Frames {
+/// Each kind of body, by what a law is said to be of.
+const KINDS: [(Stuff, &str); 2] = [(Stuff::Tetrahedra, "program"), (Stuff::Shell, "program with examples")];
+
+/// Poses of a scan: at rest, and its examples where frames are solved by shells.
+fn poses(case: &Case, stuff: Stuff) -> Frames {
+    let examples = if stuff == Stuff::Shell { case.shape.examples() } else { Vec::new() };
+    std::iter::once(case.shape.points.clone()).chain(examples).collect()
+}
+
+/// Writes scan, examples and capture; what names the examples to the program.
+fn write_inputs(folder: &Path, poses: &[Vec<DVec3>], triangles: &[[u32; 3]], markers: &[Vec<DVec3>]) -> Vec<String> {
+    std::fs::write(folder.join("scan.obj"), obj(&poses[0], triangles)).unwrap();
+    std::fs::write(folder.join("take.c3d"), capture(markers)).unwrap();
+    let examples = poses[1..].iter().enumerate().map(|(i, pose)| {
+        let name = format!("example{i}.obj");
+        std::fs::write(folder.join(&name), obj(pose, triangles)).unwrap();
+        folder.join(name).display().to_string()
+    });
+    let mut named: Vec<String> = examples.collect();
+    if !named.is_empty() {
+        named.insert(0, "--examples".into());
+    }
+    named
+}
+
+/// Writes the inputs, runs the program as it is in the scan's space, and reads the cache.
+fn run(poses: &[Vec<DVec3>], triangles: &[[u32; 3]], markers: &[Vec<DVec3>], more: &[&str]) -> Frames {
     let work = tempfile::tempdir().unwrap();
-    std::fs::write(work.path().join("scan.obj"), obj(points, triangles)).unwrap();
-    std::fs::write(work.path().join("take.c3d"), capture(markers)).unwrap();
+    let examples = write_inputs(work.path(), poses, triangles, markers);
+    let more: Vec<&str> = more.iter().copied().chain(examples.iter().map(String::as_str)).collect();
     let fixed = ["scan.obj", "take.c3d", "--align", "none", "-o", "out.pc2"];
     let unless_given = [["--proxy-vertices", "500"], ["--quality", "converged"]].into_iter().filter(|d| !more.contains(&d[0]));
     retarget_ok(work.path(), fixed.into_iter().chain(unless_given.flatten()).chain(more.iter().copied()));
@@ -71,9 +96,25 @@ fn apart(a: &Frames, b: &Frames) -> f64 {
     largest(a.iter().zip(b).map(|(a, b)| super::distance(a, b)))
 }
 
-/// Every own mesh with one of the takes.
-fn pairs() -> impl Iterator<Item = (&'static Case, &'static Take)> {
-    cases()[..OWN].iter().enumerate().map(|(i, case)| (case, &TAKES[i % TAKES.len()]))
+/// How many of the cases are of meshes that are always there.
+fn own(stuff: Stuff) -> usize {
+    let all = super::shapes::own();
+    assert_eq!(all.len(), OWN);
+    all.iter().filter(|s| stuff == Stuff::Tetrahedra || s.is_surface).count()
+}
+
+/// Every own mesh with one of the takes, as these kinds of body.
+fn pairs_of(
+    kinds: &'static [(Stuff, &'static str)],
+) -> impl Iterator<Item = (Stuff, &'static str, &'static Case, &'static Take)> {
+    kinds.iter().flat_map(|&(stuff, what)| {
+        cases(stuff)[..own(stuff)].iter().enumerate().map(move |(i, case)| (stuff, what, case, &TAKES[i % TAKES.len()]))
+    })
+}
+
+/// The same of tetrahedra. Thin shells have several minima: a marker that is gone for a while may leave them in another one.
+fn pairs() -> impl Iterator<Item = (Stuff, &'static str, &'static Case, &'static Take)> {
+    pairs_of(&KINDS[..1])
 }
 
 #[test]
@@ -85,16 +126,16 @@ fn a_rigid_motion_of_all_markers_moves_the_scan_by_it() {
         move |p: DVec3| q * p + DVec3::new(0.01, -0.004, 0.02) * k as f64
     };
     let last = FRAMES.to_string();
-    for case in &cases()[..OWN] {
+    for (stuff, what, case, _) in pairs_of(&KINDS) {
         let frames: Frames = (0..FRAMES).map(|k| case.rest.iter().map(|&p| motion(k)(p)).collect()).collect();
         let error = |out: &[DVec3], k: usize| largest(out.iter().zip(&case.shape.points).map(|(p, &q)| p.distance(motion(k)(q))));
-        let out = run(&case.shape.points, &case.shape.triangles, &frames, &[]);
+        let out = run(&poses(case, stuff), &case.shape.triangles, &frames, &[]);
         assert_eq!(out.len(), FRAMES);
-        tally.note(case, None, "program", largest((0..FRAMES).map(|k| error(&out[k], k))));
+        tally.note(case, None, what, largest((0..FRAMES).map(|k| error(&out[k], k))));
         // Backwards, no frame but the last is as the scan. The solver begins with the turn that the markers tell: no step towards it is left.
         let backwards: Frames = frames.into_iter().rev().collect();
-        let out = run(&case.shape.points, &case.shape.triangles, &backwards, &["--ref", &last, "--quality", "draft"]);
-        begun.note(case, None, "program", error(&out[0], FRAMES - 1));
+        let out = run(&poses(case, stuff), &case.shape.triangles, &backwards, &["--ref", &last, "--quality", "draft"]);
+        begun.note(case, None, what, error(&out[0], FRAMES - 1));
     }
     tally.close();
     begun.close();
@@ -103,16 +144,17 @@ fn a_rigid_motion_of_all_markers_moves_the_scan_by_it() {
 /// A scan with its take, under maps of space and in other orders.
 struct Variant<'a> {
     case: &'a Case,
+    stuff: Stuff,
     markers: Frames,
 }
 
 impl Variant<'_> {
     /// Runs the program on the input under a map, with triangles as `turn` leaves them.
     fn run(&self, map: impl Fn(DVec3) -> DVec3, turn: impl Fn([u32; 3]) -> [u32; 3], more: &[&str]) -> Frames {
-        let points: Vec<DVec3> = self.case.shape.points.iter().map(|&p| map(p)).collect();
+        let mapped = |all: &Frames| -> Frames { all.iter().map(|f| f.iter().map(|&p| map(p)).collect()).collect() };
         let triangles: Vec<[u32; 3]> = self.case.shape.triangles.iter().map(|&t| turn(t)).collect();
-        let markers: Frames = self.markers.iter().map(|f| f.iter().map(|&p| map(p)).collect()).collect();
-        run(&points, &triangles, &markers, more)
+        let (poses, markers) = (mapped(&poses(self.case, self.stuff)), mapped(&self.markers));
+        run(&poses, &triangles, &markers, more)
     }
 }
 
@@ -123,41 +165,43 @@ fn scaled_renumbered_turned_and_longer_inputs_give_the_same_animation() {
     let mut renumbered = Tally::new("program: renumbered scan, renumbered output", 0.0);
     let mut turned = Tally::new("program: scan and take along other axes, output along them", 1e-6);
     let mut longer = Tally::new("program: extra later frames leave the earlier ones alone", 0.0);
-    for (case, take) in pairs() {
-        let (points, triangles) = (&case.shape.points, &case.shape.triangles);
-        let here = Variant { case, markers: markers(case, take, FRAMES) };
+    for (stuff, what, case, take) in pairs() {
+        let (whole, triangles) = (poses(case, stuff), &case.shape.triangles);
+        let here = Variant { case, stuff, markers: markers(case, take, FRAMES) };
         let base = here.run(|p| p, |t| t, &[]);
         assert!(apart(&vec![base[0].clone()], &vec![base[FRAMES - 1].clone()]) > 0.02, "{} must move", case.shape.name);
 
         for (factor, tally) in [(1024.0, &mut doubled), (1000.0, &mut scaled)] {
             let mut out = here.run(|p| p * factor, |t| t, &[]);
             out.iter_mut().flatten().for_each(|p| *p /= factor);
-            tally.note(case, Some(take), "program", apart(&out, &base));
+            tally.note(case, Some(take), what, apart(&out, &base));
         }
 
         // Backwards, and by large steps: neither is near the order of the file.
-        let count = points.len() as u32;
+        let count = case.shape.points.len() as u32;
         let step = (count / 3..).find(|s| (2..=*s).all(|d| !s.is_multiple_of(d) || !count.is_multiple_of(d))).unwrap();
         for order in [
             (0..count).rev().collect::<Vec<u32>>(),
             (0..count).map(|v| (u64::from(v) * u64::from(step) % u64::from(count)) as u32).collect(),
         ] {
-            let mut shuffled = vec![DVec3::NAN; points.len()];
-            points.iter().zip(&order).for_each(|(p, &v)| shuffled[v as usize] = *p);
+            let mut shuffled = vec![vec![DVec3::NAN; count as usize]; whole.len()];
+            for (to, from) in shuffled.iter_mut().zip(&whole) {
+                from.iter().zip(&order).for_each(|(p, &v)| to[v as usize] = *p);
+            }
             let sides: Vec<[u32; 3]> = triangles.iter().rev().map(|&[a, b, c]| [b, c, a].map(|v| order[v as usize])).collect();
             let out = run(&shuffled, &sides, &here.markers, &[]);
             let back: Frames = out.iter().map(|f| order.iter().map(|&v| f[v as usize]).collect()).collect();
-            renumbered.note(case, Some(take), "program", apart(&back, &base));
+            renumbered.note(case, Some(take), what, apart(&back, &base));
         }
 
         let mut out = here.run(|p| DVec3::new(p.y, p.z, p.x), |t| t, &[]);
         out.iter_mut().flatten().for_each(|p| *p = DVec3::new(p.z, p.x, p.y));
-        turned.note(case, Some(take), "program", apart(&out, &base));
+        turned.note(case, Some(take), what, apart(&out, &base));
 
         // The later frames run back to the start.
         let there_and_back: Frames = here.markers.iter().chain(here.markers.iter().rev()).cloned().collect();
-        let out = run(points, triangles, &there_and_back, &[]);
-        longer.note(case, Some(take), "program", apart(&out[..FRAMES].to_vec(), &base));
+        let out = run(&whole, triangles, &there_and_back, &[]);
+        longer.note(case, Some(take), what, apart(&out[..FRAMES].to_vec(), &base));
     }
     doubled.close();
     scaled.close();
@@ -169,14 +213,14 @@ fn scaled_renumbered_turned_and_longer_inputs_give_the_same_animation() {
 #[test]
 fn a_mirrored_input_gives_the_mirrored_animation() {
     let mut mirrored = Tally::new("program: mirrored scan and take, mirrored output", OTHER_PROXY);
-    for (case, take) in pairs() {
-        let here = Variant { case, markers: markers(case, take, FRAMES) };
+    for (stuff, what, case, take) in pairs() {
+        let here = Variant { case, stuff, markers: markers(case, take, FRAMES) };
         let size = ["--proxy-vertices", "3000"];
         let base = here.run(|p| p, |t| t, &size);
         let mirror = |p: DVec3| DVec3::new(-p.x, p.y, p.z);
         let mut out = here.run(mirror, |[a, b, c]| [a, c, b], &size);
         out.iter_mut().flatten().for_each(|p| *p = mirror(*p));
-        mirrored.note(case, Some(take), "program", apart(&out, &base));
+        mirrored.note(case, Some(take), what, apart(&out, &base));
     }
     mirrored.close();
 }
@@ -184,16 +228,16 @@ fn a_mirrored_input_gives_the_mirrored_animation() {
 #[test]
 fn markers_that_vanish_and_return_leave_no_jump_on_any_body() {
     let mut tally = Tally::new("program: markers that vanish and return, largest extra move in a frame", JUMP);
-    for (case, take) in pairs() {
+    for (stuff, what, case, take) in pairs() {
         let whole = markers(case, take, 2 * FRAMES + 16);
         let gone = FRAMES..FRAMES + 20;
         let mut holes = whole.clone();
         holes[gone.clone()].iter_mut().for_each(|f| f[6] = DVec3::NAN);
-        let (points, triangles) = (&case.shape.points, &case.shape.triangles);
-        let [with, without] = [&holes, &whole].map(|frames| run(points, triangles, frames, &[]));
+        let (bodies, triangles) = (poses(case, stuff), &case.shape.triangles);
+        let [with, without] = [&holes, &whole].map(|frames| run(&bodies, triangles, frames, &[]));
         let worst = largest((gone.start..with.len()).map(|k| extra_move(&with, &without, k)));
         assert!(apart(&with, &without) > 0.0, "{}: a marker must be missing", case.shape.name);
-        tally.note(case, Some(take), "program", worst / case.shape.height());
+        tally.note(case, Some(take), what, worst / case.shape.height());
     }
     tally.close();
 }
@@ -201,21 +245,21 @@ fn markers_that_vanish_and_return_leave_no_jump_on_any_body() {
 #[test]
 fn any_number_of_threads_writes_the_same_bytes_twice() {
     let mut tally = Tally::new("program: 1, 2, 3 and 4 threads, the same bytes, twice", 0.0);
-    for (case, take) in pairs() {
+    for (stuff, what, case, take) in pairs() {
         let work = tempfile::tempdir().unwrap();
-        std::fs::write(work.path().join("scan.obj"), obj(&case.shape.points, &case.shape.triangles)).unwrap();
-        std::fs::write(work.path().join("take.c3d"), capture(&markers(case, take, 5))).unwrap();
+        let examples = write_inputs(work.path(), &poses(case, stuff), &case.shape.triangles, &markers(case, take, 5));
         let mut first: Option<Vec<Vec<u8>>> = None;
         for (n, threads) in ["1", "2", "3", "4", "1", "2", "3", "4"].into_iter().enumerate() {
             let folder = work.path().join(n.to_string());
             std::fs::create_dir(&folder).unwrap();
             let fixed = ["../scan.obj", "../take.c3d", "--align", "none", "--proxy-vertices", "500", "--threads", threads];
             let outputs = ["-o", "a.glb", "-o", "a.pc2", "-o", "f_#.ply", "-o", "g_#.obj"];
-            retarget_ok(&folder, fixed.iter().chain(&outputs));
+            let named = examples.iter().map(String::as_str);
+            retarget_ok(&folder, fixed.into_iter().chain(outputs).chain(named));
             let bytes =
                 ["a.glb", "a.pc2", "f_1.ply", "f_5.ply", "g_4.obj"].map(|f| std::fs::read(folder.join(f)).unwrap()).to_vec();
             let same = first.get_or_insert_with(|| bytes.clone()) == &bytes;
-            tally.note(case, Some(take), threads, if same { 0.0 } else { 1.0 });
+            tally.note(case, Some(take), &format!("{what}, {threads}"), if same { 0.0 } else { 1.0 });
         }
     }
     tally.close();

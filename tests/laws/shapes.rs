@@ -1,5 +1,6 @@
 //! Meshes for the laws: made here, the fixture scan in three poses, and real ones where they are present.
 
+use super::cases::TAKES;
 use super::common;
 use glam::DVec3;
 use retarget::scan;
@@ -20,13 +21,20 @@ pub struct Shape {
     pub kind: Kind,
     pub points: Vec<DVec3>,
     pub triangles: Vec<[u32; 3]>,
+    /// Whether no edge has more than two triangles, as a shell needs.
+    pub is_surface: bool,
 }
 
 impl Shape {
     fn new(name: &'static str, kind: Kind, points: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Self {
         let (lo, hi) = points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)));
         let (centre, diagonal) = ((lo + hi) * 0.5, (hi - lo).length());
-        Self { name, kind, points: points.into_iter().map(|p| (p - centre) / diagonal).collect(), triangles }
+        Self { name, kind, points: points.into_iter().map(|p| (p - centre) / diagonal).collect(), triangles, is_surface: true }
+    }
+
+    /// Other poses, as two of the takes have them half way.
+    pub fn examples(&self) -> Vec<Vec<DVec3>> {
+        TAKES[..2].iter().map(|take| self.points.iter().map(|p| (take.motion)(0.5, *p)).collect()).collect()
     }
 
     /// The longest side of its box.
@@ -164,7 +172,8 @@ fn person(name: &'static str, points: Option<&str>) -> Shape {
     let scan = scan::read(&common::fixture("scan.obj")).unwrap();
     let triangles = scan.mesh.vertex_triangles();
     let points = points.map_or(scan.mesh.positions, |file| common::read_ply_points(&common::fixture(file)));
-    Shape::new(name, Kind::WholeBody, points, triangles)
+    // Where it touches itself, its sheets have grown together.
+    Shape { is_surface: false, ..Shape::new(name, Kind::WholeBody, points, triangles) }
 }
 
 /// A mesh of the shared data, where it is present.

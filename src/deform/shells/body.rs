@@ -8,6 +8,7 @@ use crate::error::{Error, Kind, Notes, Result};
 use crate::proxy::Proxy;
 use crate::words;
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 
 /// Share of the area from which a piece of the surface is part of the body; smaller ones follow it.
@@ -19,7 +20,7 @@ const LEAST_VERTICES: usize = 50;
 ///
 /// Its proxy has, besides the vertices, one point per triangle: from its centre outwards, as long as the root of twice its area. With it the triangle is
 /// a tetrahedron whose affine map is that of (12) in Sumner and Popović 2004, so that rows and maps over tetrahedra are those of the surface.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Body {
     /// Vertices, then the points off the triangles; tetrahedron and boundary triangle `t` are triangle `t` of the mesh.
     pub proxy: Proxy,

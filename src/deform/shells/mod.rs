@@ -12,7 +12,7 @@
 //!
 //! A frame is Gauss–Newton from the pose of the frame before (`newton`): a sparse Cholesky factor of one pattern, the volume's dense row by Sherman
 //! and Morrison, the weights by a Schur complement (`system`). Where there is no frame before, and where the energy leaps, rest and every example,
-//! moved rigidly onto the handles, are tried as starts.
+//! moved rigidly onto the handles, are tried as starts. Where an edge has turned inside out, a pose without is looked for (`unfold`).
 //!
 //! Source: S. Fröhlich, M. Botsch, *Example-Driven Deformations Based on Discrete Shells*, Computer Graphics Forum 30(8), 2011.
 
@@ -34,6 +34,7 @@ mod starts;
 mod stored_cases;
 mod system;
 mod topology;
+mod unfold;
 
 pub use body::Body;
 pub use interpolate::Interpolator;
@@ -51,6 +52,7 @@ use newton::{Goals, Minimum, Newton, Settings, Tension, Weights};
 use pulls::Pulls;
 use shell::Shell;
 use starts::Starts;
+use unfold::Unfold;
 
 /// How the shell is solved.
 #[derive(Clone, Debug)]
@@ -84,7 +86,7 @@ impl Options {
             bounds: Bounds::BOX,
             regularization: 1e-4,
             hardness: 1e6,
-            steps: 5,
+            steps: 8,
             decrease: 1e-5,
             still: 2e-5,
             stiffness: Vec::new(),
@@ -126,8 +128,11 @@ const RIGID: f64 = 30.0;
 const DAMPING: f64 = 1e-9;
 /// Mean distance of the handles from their targets, in diagonals, from which a frame begins anew: a cut in the take.
 const CUT: f64 = 0.1;
-/// A hinge that is so far from its wanted angle, in radians, is turned inside out.
-const INSIDE_OUT: f64 = 2.0;
+/// Share of the stiffness of a crease that holds it back at the angle that it had.
+const DRAG: f64 = 2.0;
+/// Mean move of the targets in a frame, in diagonals, from which the drag is full: less than half a millimetre of a person. A body that is held
+/// still comes to the minimum without it.
+const PACE: f64 = 2e-4;
 
 /// A shell that handles pose.
 #[derive(Debug)]
@@ -135,9 +140,12 @@ pub struct Shells {
     newton: Newton,
     pulls: Pulls,
     starts: Starts,
+    unfold: Unfold,
     settings: Settings,
     x: Vec<DVec3>,
     weights: Vec<f64>,
+    /// Pose and weights that are kept while others are tried.
+    kept: (Vec<DVec3>, Vec<f64>),
     pose: Vec<DVec3>,
     last: FrameStats,
     is_cold: bool,
@@ -171,6 +179,8 @@ impl Shells {
         Ok(Self {
             newton,
             starts: Starts::new(body, &pulls),
+            unfold: Unfold::new(body, pulls.held(n)),
+            kept: (body.proxy.rest[..n].to_vec(), weights.clone()),
             pulls,
             settings,
             x: body.proxy.rest[..n].to_vec(),
@@ -180,6 +190,11 @@ impl Shells {
             is_cold: true,
             is_fixed_count: options.is_fixed_count(),
         })
+    }
+
+    /// Energies before the first and after every step of the last frame's last minimization.
+    pub fn energies(&self) -> &[f64] {
+        self.newton.energies()
     }
 
     /// Hinges that do not resist: since an example turns them by more than half a turn, and since a triangle beside them has no normal.
@@ -193,15 +208,25 @@ impl Shells {
             self.last = FrameStats { passes: 0, step: 0.0, converged: true, recovered: false, ..self.last };
             return Ok(self.last);
         }
-        let cut = self.pulls.distance(&self.x, &self.newton.shell.faces) > CUT * self.newton.shell.diagonal;
+        let diagonal = self.newton.shell.diagonal;
+        let motion = self.pulls.motion() / diagonal;
+        let cut = self.pulls.distance(&self.x, &self.newton.shell.faces) > CUT * diagonal;
         let mut recovered = false;
         let mut minimum = if cold || self.is_cold || cut {
             self.starts.forget();
+            self.unfold.forget();
             self.begin()
         } else {
             self.pulls.settle(&mut self.x, None);
+            if !self.is_fixed_count {
+                self.newton.hold_back(&self.x, &self.weights, DRAG * (motion / PACE).min(1.0));
+            }
             self.newton.minimize(&mut self.x, &mut self.weights, &self.pulls.goals(), &self.settings)
         };
+        if !self.is_fixed_count {
+            let (x, weights) = (&mut self.x, &mut self.weights);
+            minimum = self.unfold.turn_back(&mut self.newton, x, weights, &self.pulls.goals(), &self.settings, minimum);
+        }
         if !minimum.energy().is_finite() || self.starts.leaps(minimum.shell()) {
             (minimum, recovered) = self.restart(minimum);
         }
@@ -220,19 +245,24 @@ impl Shells {
 
     /// Solves from the best of rest and examples.
     fn begin(&mut self) -> Minimum {
+        self.newton.release();
         let goals = self.pulls.goals();
         self.starts.best(&mut self.newton, &self.pulls, &goals, &self.settings, &mut self.x, &mut self.weights)
     }
 
     /// Solves from rest and examples, and takes the best if it is better than what there is; whether it was.
     fn restart(&mut self, found: Minimum) -> (Minimum, bool) {
-        let (x, weights) = (self.x.clone(), self.weights.clone());
+        self.kept.0.copy_from_slice(&self.x);
+        self.kept.1.copy_from_slice(&self.weights);
+        // Without what holds creases back: a pose from elsewhere has none of it.
+        self.newton.release();
+        let before = self.newton.total(&self.x, &self.weights, &self.pulls.goals(), &self.settings);
         let again = self.begin();
         let steps = found.steps + again.steps;
-        let is_better = again.energy() < found.energy() || !found.energy().is_finite();
+        let is_better = again.energy() < before || !before.is_finite();
         if !is_better {
-            self.x = x;
-            self.weights = weights;
+            self.x.copy_from_slice(&self.kept.0);
+            self.weights.copy_from_slice(&self.kept.1);
             self.starts.wait();
             return (Minimum { steps, ..found }, false);
         }
@@ -250,7 +280,7 @@ impl Shells {
     fn measure(&mut self, minimum: &Minimum, recovered: bool) -> FrameStats {
         let shell = &self.newton.shell;
         let now = volume(&self.x, &shell.faces, &shell.topology.holes);
-        let (inverted, fold) = self.newton.inside_out(&self.x, &self.weights, INSIDE_OUT);
+        let (inverted, fold) = self.newton.inside_out(&self.x, &self.weights);
         FrameStats {
             passes: minimum.steps,
             step: minimum.last.map_or(0.0, |moves| moves.most),

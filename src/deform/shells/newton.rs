@@ -1,6 +1,6 @@
 //! Gauss–Newton with a line search (Fröhlich & Botsch 2011, §5.2): one code for positions, and for positions with example weights.
 
-use super::geometry::{dihedral, dihedral_gradient, double_area, volume, volume_gradient};
+use super::geometry::{dihedral, dihedral_gradient, double_area, volume, volume_gradient, wrapped};
 use super::quadratic::Bounds;
 use super::shell::Shell;
 use super::system::{Direction, Linearization, Pull, System, Unknown};
@@ -12,6 +12,12 @@ const SHORTEST: f64 = 1e-10;
 const NOTHING: f64 = 1e-24;
 /// Root mean square of the moves of the last step, in diagonals, below which a pose that was not solved to the tolerance counts as solved.
 const SETTLED: f64 = 1e-4;
+
+/// Distances of a hinge from the angle that is wanted, in radians, from which it is held back, and in full.
+const CREASING: f64 = 0.1;
+const CREASED: f64 = 0.5;
+/// From here on it is turned inside out.
+pub(super) const INSIDE_OUT: f64 = 2.0;
 
 /// When the second derivative of stretched edges is part of the matrix. The minimum is the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -117,8 +123,17 @@ pub(super) struct Newton {
     wanted_lengths: Vec<f64>,
     wanted_angles: Vec<f64>,
     forces: Vec<DVec3>,
+    drags: Vec<Drag>,
     directions: [Direction; 2],
     trials: [(Vec<DVec3>, Vec<f64>); 2],
+    energies: Vec<f64>,
+}
+
+/// What holds a hinge back at the angle of the frame before: a share of its stiffness.
+#[derive(Clone, Copy, Debug, Default)]
+struct Drag {
+    share: f64,
+    angle: f64,
 }
 
 impl Newton {
@@ -139,12 +154,16 @@ impl Newton {
                 edges: vec![DVec3::ZERO; edges],
                 lengths: vec![0.0; edges],
                 hinges: vec![[DVec3::ZERO; 4]; hinges],
+                drags: vec![0.0; hinges],
+                drag: vec![0.0; hinges],
                 volume: vec![DVec3::ZERO; n],
                 pulls: pulls.iter().map(|p| p.values.iter().map(|c| DMat3::from_diagonal(DVec3::splat(*c))).collect()).collect(),
             },
             wanted_lengths: vec![0.0; edges],
             wanted_angles: vec![0.0; hinges],
             forces: vec![DVec3::ZERO; pulls.len()],
+            drags: vec![Drag::default(); hinges],
+            energies: Vec::with_capacity(64),
             pulls,
             offsets,
             directions: [direction.clone(), direction],
@@ -160,6 +179,8 @@ impl Newton {
         }
         let terms = self.energy(x, weights, goals, settings.weights);
         let mut result = Minimum { terms, stop: Stop::Cap, ..Minimum::default() };
+        self.energies.clear();
+        self.energies.push(result.energy());
         while result.steps < settings.steps {
             self.linearize(x, weights);
             self.force(x, goals);
@@ -203,6 +224,7 @@ impl Newton {
             let moves = self.moves(slot, share);
             result.last = Some(moves);
             let energy = result.energy();
+            self.energies.push(energy);
             if before - energy < settings.decrease * before || moves.mean < settings.still || energy < NOTHING {
                 result.stop = Stop::Converged;
                 break;
@@ -249,6 +271,39 @@ impl Newton {
         None
     }
 
+    /// Holds hinges back that are far from the angle that is wanted, at the one they have.
+    ///
+    /// A deep crease of the skin has several minima, and snaps from one to another while the targets hardly move. Flesh does not. `strength`: share
+    /// of the stiffness of a hinge that is [`CREASED`] and more. One that is inside out is not kept so.
+    pub fn hold_back(&mut self, x: &[DVec3], weights: &[f64], strength: f64) {
+        let shell = &self.shell;
+        shell.wanted(weights, &mut self.wanted_lengths, &mut self.wanted_angles);
+        let hinges = shell.topology.hinges.iter().zip(&shell.bend);
+        for (((hinge, _), wanted), drag) in
+            hinges.zip(&self.wanted_angles).zip(&mut self.drags).filter(|(((_, w), _), _)| **w > 0.0)
+        {
+            let angle = dihedral(x, *hinge);
+            let off = (angle - wanted).abs();
+            let share = if off > INSIDE_OUT { 0.0 } else { ((off - CREASING) / (CREASED - CREASING)).clamp(0.0, 1.0) };
+            *drag = Drag { share: strength * share, angle };
+        }
+    }
+
+    /// Holds nothing back any longer.
+    pub fn release(&mut self) {
+        self.drags.fill(Drag::default());
+    }
+
+    /// Energy of a pose with everything that is minimized.
+    pub fn total(&mut self, x: &[DVec3], weights: &[f64], goals: &Goals<'_>, settings: &Settings) -> f64 {
+        self.energy(x, weights, goals, settings.weights).iter().sum()
+    }
+
+    /// Energies before the first and after every step of the last minimization.
+    pub fn energies(&self) -> &[f64] {
+        &self.energies
+    }
+
     /// Energy of the shell alone.
     pub fn resisted(&mut self, x: &[DVec3], weights: &[f64]) -> f64 {
         self.energy(x, weights, &Goals::NONE, Weights::Given).iter().sum()
@@ -262,10 +317,11 @@ impl Newton {
         for (([a, b], w), wanted) in shell.topology.edges.iter().zip(&shell.stretch).zip(&self.wanted_lengths) {
             stretch += (w * (x[*a as usize].distance(x[*b as usize]) - wanted)).powi(2);
         }
-        for ((hinge, w), wanted) in shell.topology.hinges.iter().zip(&shell.bend).zip(&self.wanted_angles) {
-            if *w > 0.0 {
-                bend += (w * (dihedral(x, *hinge) - wanted)).powi(2);
-            }
+        let hinges = shell.topology.hinges.iter().zip(&shell.bend);
+        for (((hinge, w), wanted), drag) in hinges.zip(&self.wanted_angles).zip(&self.drags).filter(|(((_, w), _), _)| **w > 0.0)
+        {
+            let angle = dihedral(x, *hinge);
+            bend += (w * (angle - wanted)).powi(2) + drag.share * (w * wrapped(angle - drag.angle)).powi(2);
         }
         let swell = if shell.swell > 0.0 {
             (shell.swell * (volume(x, &shell.faces, &shell.topology.holes) - wanted)).powi(2)
@@ -284,13 +340,30 @@ impl Newton {
         [stretch, bend, swell, pull, drawn].map(|twice| 0.5 * twice)
     }
 
-    /// Hinges that are farther than `limit` from their wanted angle, and the middle of the longest of them at rest.
-    pub fn inside_out(&mut self, x: &[DVec3], weights: &[f64], limit: f64) -> (u32, Option<DVec3>) {
+    /// Vertices of the hinges that are inside out, rising, into `out`; returns the number of those hinges.
+    pub fn folded(&mut self, x: &[DVec3], weights: &[f64], out: &mut Vec<u32>) -> usize {
+        let shell = &self.shell;
+        shell.wanted(weights, &mut self.wanted_lengths, &mut self.wanted_angles);
+        out.clear();
+        let mut count = 0;
+        for ((hinge, wanted), w) in shell.topology.hinges.iter().zip(&self.wanted_angles).zip(&shell.bend) {
+            if *w > 0.0 && (dihedral(x, *hinge) - wanted).abs() > INSIDE_OUT {
+                out.extend(hinge);
+                count += 1;
+            }
+        }
+        out.sort_unstable();
+        out.dedup();
+        count
+    }
+
+    /// Hinges that are inside out, and the middle of the longest of them at rest.
+    pub fn inside_out(&mut self, x: &[DVec3], weights: &[f64]) -> (u32, Option<DVec3>) {
         let shell = &self.shell;
         shell.wanted(weights, &mut self.wanted_lengths, &mut self.wanted_angles);
         let (mut count, mut longest) = (0, None::<(f64, DVec3)>);
         for ((hinge, wanted), w) in shell.topology.hinges.iter().zip(&self.wanted_angles).zip(&shell.bend) {
-            if *w > 0.0 && (dihedral(x, *hinge) - wanted).abs() > limit {
+            if *w > 0.0 && (dihedral(x, *hinge) - wanted).abs() > INSIDE_OUT {
                 count += 1;
                 let [a, b] = [hinge[0], hinge[1]].map(|v| shell.rest[v as usize]);
                 if longest.is_none_or(|(length, _)| a.distance(b) > length) {
@@ -318,6 +391,8 @@ impl Newton {
                 let (angle, gradients) = dihedral_gradient(x, *hinge, shell.floor);
                 at.bend[h] = w * (angle - self.wanted_angles[h]);
                 at.hinges[h] = gradients.map(|g| g * w);
+                at.drags[h] = self.drags[h].share;
+                at.drag[h] = self.drags[h].share * w * wrapped(angle - self.drags[h].angle);
             } else {
                 at.bend[h] = 0.0;
                 at.hinges[h] = [DVec3::ZERO; 4];

@@ -23,6 +23,8 @@ pub(super) struct Pulls {
     full: Vec<f64>,
     positions: Vec<DVec3>,
     weights: Vec<f64>,
+    /// Positions of the frame before.
+    before: Vec<DVec3>,
     /// Handles that are points.
     points: usize,
     carried: Vec<Carried>,
@@ -49,6 +51,7 @@ impl Pulls {
             full: Vec::new(),
             positions: Vec::new(),
             weights: Vec::new(),
+            before: Vec::new(),
             points: handles.len(),
             carried: Vec::new(),
             exact: Vec::new(),
@@ -90,6 +93,7 @@ impl Pulls {
             .map(|(vertex, handle)| (vertex, Carried { handle, offset: proxy.rest[vertex as usize] - oriented[handle].rest }))
             .collect();
         pulls.positions.clone_from(&pulls.attachments);
+        pulls.before.clone_from(&pulls.attachments);
         pulls.weights = vec![0.0; pulls.full.len()];
         pulls.placements.reserve(oriented.len());
         pulls
@@ -173,6 +177,17 @@ impl Pulls {
         let grip = &self.grips[pull];
         let off: DVec3 = grip.offsets.iter().map(|&(face, share)| share * outwards(x, faces[face as usize])).sum();
         grip.pull.apply(x) + off
+    }
+
+    /// Mean move of the targets since the last call.
+    pub fn motion(&mut self) -> f64 {
+        let (mut sum, mut count) = (0.0, 0);
+        for ((now, before), _) in self.positions.iter().zip(&self.before).zip(&self.weights).filter(|(_, w)| **w > 0.0) {
+            sum += now.distance(*before);
+            count += 1;
+        }
+        self.before.copy_from_slice(&self.positions);
+        sum / f64::from(count.max(1))
     }
 
     /// Mean distance of what is held from its targets.

@@ -23,8 +23,8 @@ const NOTHING: f64 = 10.0;
 /// Frames without another attempt after one that found nothing better: each costs as much as many frames.
 const WAIT: u32 = 8;
 
-/// Poses to start from, and what the last frames cost.
-#[derive(Clone, Debug)]
+/// Poses to start from, what the last frames cost, and the memory of an attempt.
+#[derive(Clone, Debug, Default)]
 pub(super) struct Starts {
     /// Rest, then the examples.
     poses: Vec<Vec<DVec3>>,
@@ -35,20 +35,51 @@ pub(super) struct Starts {
     next: usize,
     /// Frames that are still to wait.
     waiting: u32,
+    /// Poses by their distances from the targets, and what moves them there.
+    order: Vec<(usize, f64, Rigid)>,
+    trial: Trial,
+    best: Trial,
+    /// A pose before its first stage, where the pulls hold it, and where they shall be in a stage.
+    origin: Vec<DVec3>,
+    from: Vec<DVec3>,
+    positions: Vec<DVec3>,
+}
+
+/// A pose with its weights.
+#[derive(Clone, Debug, Default)]
+struct Trial {
+    x: Vec<DVec3>,
+    weights: Vec<f64>,
+}
+
+impl Trial {
+    fn copy_from(&mut self, x: &[DVec3], weights: &[f64]) {
+        self.x.clear();
+        self.x.extend_from_slice(x);
+        self.weights.clear();
+        self.weights.extend_from_slice(weights);
+    }
 }
 
 impl Starts {
     pub fn new(body: &Body, pulls: &Pulls) -> Self {
         let rest = body.proxy.rest[..body.vertices()].to_vec();
-        let poses: Vec<Vec<DVec3>> = std::iter::once(rest).chain(body.examples.iter().cloned()).collect();
+        let trial = Trial { x: rest.clone(), weights: vec![0.0; body.examples.len()] };
+        let poses: Vec<Vec<DVec3>> = std::iter::once(rest.clone()).chain(body.examples.iter().cloned()).collect();
         let hold = |x: &Vec<DVec3>| (0..pulls.attachments.len()).map(|p| pulls.hold(p, x, &body.proxy.boundary)).collect();
         Self {
             holds: poses.iter().map(hold).collect(),
-            poses,
             energies: Vec::with_capacity(MEMORY),
             sorted: Vec::with_capacity(MEMORY),
             next: 0,
             waiting: 0,
+            order: Vec::with_capacity(poses.len()),
+            best: trial.clone(),
+            trial,
+            origin: rest,
+            from: pulls.attachments.clone(),
+            positions: pulls.attachments.clone(),
+            poses,
         }
     }
 
@@ -91,7 +122,7 @@ impl Starts {
 
     /// Solves from each pose, moved rigidly onto the targets, and leaves the answer of least energy in `x` and `weights`.
     pub fn best(
-        &self,
+        &mut self,
         newton: &mut Newton,
         pulls: &Pulls,
         goals: &Goals<'_>,
@@ -99,49 +130,56 @@ impl Starts {
         x: &mut [DVec3],
         weights: &mut [f64],
     ) -> Minimum {
-        let mut order: Vec<(usize, f64, Rigid)> = self
-            .holds
-            .iter()
-            .enumerate()
-            .map(|(i, holds)| {
-                let rigid = Rigid::fit(holds, goals);
-                (i, rigid.distance(holds, goals), rigid)
-            })
-            .collect();
-        order.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
-        let mut best: Option<(Minimum, Vec<DVec3>, Vec<f64>)> = None;
+        self.order.clear();
+        for (i, holds) in self.holds.iter().enumerate() {
+            let rigid = Rigid::fit(holds, goals);
+            self.order.push((i, rigid.distance(holds, goals), rigid));
+        }
+        self.order.sort_unstable_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+        let mut best: Option<Minimum> = None;
         let mut steps = 0;
-        for (i, distance, rigid) in order.into_iter().take(MOST) {
-            let mut pose: Vec<DVec3> = self.poses[i].iter().map(|p| rigid.apply(*p)).collect();
-            let mut shares = vec![0.0; weights.len()];
+        for k in 0..self.order.len().min(MOST) {
+            let (i, distance, rigid) = self.order[k];
+            self.trial.copy_from(&self.poses[i], weights);
+            self.trial.x.iter_mut().for_each(|p| *p = rigid.apply(*p));
+            self.trial.weights.fill(0.0);
             if i > 0 {
-                shares[i - 1] = 1.0;
+                self.trial.weights[i - 1] = 1.0;
             }
-            let far = distance > FAR * newton.shell.diagonal;
-            let stages = if far { STAGES } else { 1 };
-            let from: Vec<DVec3> = (0..goals.positions.len()).map(|p| pulls.hold(p, &pose, &newton.shell.faces)).collect();
-            let origin = pose.clone();
-            let mut minimum = Minimum::default();
-            for stage in 1..=stages {
-                let share = f64::from(stage) / f64::from(stages);
-                let positions: Vec<DVec3> = from.iter().zip(goals.positions).map(|(a, b)| a.lerp(*b, share)).collect();
-                pulls.settle(&mut pose, if stage == stages { None } else { Some((&origin, share)) });
-                let cap = if stage == stages { LAST_STEPS } else { STEPS };
-                let settings = Settings { steps: cap, ..*settings };
-                minimum =
-                    newton.minimize(&mut pose, &mut shares, &Goals { positions: &positions, weights: goals.weights }, &settings);
-                steps += minimum.steps;
-            }
-            let better = best.as_ref().is_none_or(|(other, ..)| {
+            let minimum = self.approach(newton, pulls, goals, settings, distance);
+            steps += minimum.steps;
+            let better = best.is_none_or(|other| {
                 minimum.energy() < other.energy() || !other.energy().is_finite() && minimum.energy().is_finite()
             });
             if better {
-                best = Some((minimum, pose, shares));
+                best = Some(minimum);
+                self.best.copy_from(&self.trial.x, &self.trial.weights);
             }
         }
-        let Some((minimum, pose, shares)) = best else { return Minimum::default() };
-        x.copy_from_slice(&pose);
-        weights.copy_from_slice(&shares);
+        let Some(minimum) = best else { return Minimum::default() };
+        x.copy_from_slice(&self.best.x);
+        weights.copy_from_slice(&self.best.weights);
+        Minimum { steps, ..minimum }
+    }
+
+    /// Solves the trial, in stages where the targets are far.
+    fn approach(&mut self, newton: &mut Newton, pulls: &Pulls, goals: &Goals<'_>, settings: &Settings, distance: f64) -> Minimum {
+        let stages = if distance > FAR * newton.shell.diagonal { STAGES } else { 1 };
+        let Trial { x, weights } = &mut self.trial;
+        self.origin.copy_from_slice(x);
+        self.from.clear();
+        self.from.extend((0..goals.positions.len()).map(|p| pulls.hold(p, x, &newton.shell.faces)));
+        let (mut minimum, mut steps) = (Minimum::default(), 0);
+        for stage in 1..=stages {
+            let share = f64::from(stage) / f64::from(stages);
+            self.positions.clear();
+            self.positions.extend(self.from.iter().zip(goals.positions).map(|(a, b)| a.lerp(*b, share)));
+            pulls.settle(x, if stage == stages { None } else { Some((&self.origin, share)) });
+            let cap = if stage == stages { LAST_STEPS } else { STEPS };
+            let goals = Goals { positions: &self.positions, weights: goals.weights };
+            minimum = newton.minimize(x, weights, &goals, &Settings { steps: cap, ..*settings });
+            steps += minimum.steps;
+        }
         Minimum { steps, ..minimum }
     }
 }
@@ -190,8 +228,7 @@ mod tests {
 
     #[test]
     fn after_a_vain_attempt_some_frames_pass_before_the_next() {
-        let (energies, sorted) = (vec![1.0; MEMORY], Vec::new());
-        let mut starts = Starts { poses: Vec::new(), holds: Vec::new(), energies, sorted, next: 0, waiting: 0 };
+        let mut starts = Starts { energies: vec![1.0; MEMORY], ..Starts::default() };
         assert!(!starts.leaps(9.0) && starts.leaps(11.0));
         starts.wait();
         assert!((0..WAIT).all(|_| !starts.leaps(11.0)));

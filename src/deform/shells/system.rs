@@ -23,6 +23,9 @@ pub(super) struct Linearization {
     /// Lengths of the edges.
     pub lengths: Vec<f64>,
     pub hinges: Vec<[DVec3; 4]>,
+    /// What holds each hinge back: a share of its stiffness, and the residual of that, times the share.
+    pub drags: Vec<f64>,
+    pub drag: Vec<f64>,
     pub volume: Vec<DVec3>,
     /// Per pull: derivative of the point that it holds with respect to each of its vertices.
     pub pulls: Vec<Vec<DMat3>>,
@@ -182,8 +185,9 @@ impl System {
                 }
             }
         }
-        for ((corners, slots), gradients) in self.hinge_orders.iter().zip(&self.hinge_blocks).zip(&at.hinges) {
-            let g = corners.map(|c| gradients[c as usize]);
+        let hinges = self.hinge_orders.iter().zip(&self.hinge_blocks).zip(&at.hinges);
+        for (((corners, slots), gradients), drag) in hinges.zip(&at.drags) {
+            let g = corners.map(|c| gradients[c as usize] * (1.0 + drag).sqrt());
             for (&slot, (i, j)) in slots.iter().zip(PAIRS) {
                 if slot != NONE {
                     let k = outer(g[i], g[j]);
@@ -253,6 +257,7 @@ impl System {
             }
         };
         transposed(forces, -1.0, &at.stretch, &at.bend);
+        transposed(forces, -1.0, &[], &at.drag);
         if free {
             for (column, example) in examples.chunks_mut(size.max(1)).zip(&shell.examples) {
                 transposed(column, 1.0, &example.stretch, &example.bend);
