@@ -22,13 +22,23 @@ fn off_anywhere(frame: &[[f32; 3]], shoulder: f64, elbow: f64) -> f64 {
         covariance += DMat3::from_cols(t * p.x, t * p.y, t * p.z);
     }
     let turn = retarget::linalg::nearest_rotation(covariance, DMat3::IDENTITY);
-    points.iter().zip(&truth).map(|(p, t)| (turn * (*p - from) + to).distance(*t)).fold(0.0, f64::max) / DIAGONAL
+    points
+        .iter()
+        .zip(&truth)
+        .map(|(p, t)| (turn * (*p - from) + to).distance(*t))
+        .fold(0.0, |m: f64, x| if x > m || x.is_nan() { x } else { m })
+        / DIAGONAL
 }
 
 /// Largest distance of a frame from the arm with these angles, in diagonals.
 fn off(frame: &[[f32; 3]], shoulder: f64, elbow: f64) -> f64 {
     let truth = arm(shoulder, elbow);
-    frame.iter().zip(&truth).map(|(p, q)| DVec3::from(p.map(f64::from)).distance(*q)).fold(0.0, f64::max) / DIAGONAL
+    frame
+        .iter()
+        .zip(&truth)
+        .map(|(p, q)| DVec3::from(p.map(f64::from)).distance(*q))
+        .fold(0.0, |m: f64, x| if x > m || x.is_nan() { x } else { m })
+        / DIAGONAL
 }
 
 fn points_of(path: &Path) -> Vec<[f32; 3]> {
@@ -211,7 +221,7 @@ fn a_real_walk_with_examples_is_as_calm_as_without() {
         let at = |f: usize, v: usize| DVec3::from(frames[f][v].map(f64::from));
         let each = (1..frames.len() - 1)
             .flat_map(|f| (0..frames[f].len()).map(move |v| (at(f + 1, v) - 2.0 * at(f, v) + at(f - 1, v)).length()));
-        1e3 * each.fold(0.0, f64::max)
+        1e3 * each.fold(0.0, |m: f64, x| if x > m || x.is_nan() { x } else { m })
     };
     let volumetric = jerk(&run(&[]));
     let names = ["03_walk_left_forward", "04_walk_right_forward", "05_run", "06_arms_up", "07_squat_arms_forward", "08_sit"];
@@ -219,8 +229,12 @@ fn a_real_walk_with_examples_is_as_calm_as_without() {
     let report: Value = serde_json::from_str(&std::fs::read_to_string(folder.path().join("report.json")).unwrap()).unwrap();
     let weights = |f: &Value| -> Vec<f64> { f["weights"].as_array().unwrap().iter().map(|w| w.as_f64().unwrap()).collect() };
     let all: Vec<Vec<f64>> = report["frames"].as_array().unwrap().iter().map(weights).collect();
-    let second = |w: &[Vec<f64>]| (0..w[0].len()).map(|i| (w[0][i] - 2.0 * w[1][i] + w[2][i]).abs()).fold(0.0, f64::max);
-    let leap = all.windows(3).map(second).fold(0.0, f64::max);
+    let second = |w: &[Vec<f64>]| {
+        (0..w[0].len())
+            .map(|i| (w[0][i] - 2.0 * w[1][i] + w[2][i]).abs())
+            .fold(0.0, |m: f64, x| if x > m || x.is_nan() { x } else { m })
+    };
+    let leap = all.windows(3).map(second).fold(0.0, |m: f64, x| if x > m || x.is_nan() { x } else { m });
     eprintln!("second differences: {shells:.1} mm, {volumetric:.1} volumetric; of the weights {leap:.3}");
     assert!(shells < 1.5 * volumetric && leap < 0.1, "{shells} {volumetric} {leap}");
 }

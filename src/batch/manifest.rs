@@ -23,6 +23,9 @@ const LARGEST: u64 = 64 << 20;
 const MOST: usize = 1_000_000;
 /// Bytes that their arguments may have in all.
 const LARGEST_ARGUMENTS: usize = 512 << 20;
+/// Of these a take without any, and an argument without its text.
+const TAKE: usize = 256;
+const VALUE: usize = 128;
 
 /// What an option takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -240,7 +243,8 @@ fn expand(rows: &[Row], folder: &Path) -> Result<Vec<Take>> {
                 row.values.iter().map(|(key, values)| (key.clone(), values.iter().map(fill).collect())).collect();
             values.insert("scan".into(), vec![scan.clone()]);
             values.insert("capture".into(), vec![capture.clone()]);
-            let bytes: usize = values.values().flatten().map(String::len).sum();
+            // With about what the list itself takes.
+            let bytes: usize = TAKE + values.values().flatten().map(|value| value.len() + VALUE).sum::<usize>();
             room = room.checked_sub(bytes).ok_or_else(|| {
                 let size = words::bytes(LARGEST_ARGUMENTS as u64);
                 Error::new(Kind::Usage, format!("the arguments of all takes have more than {size}")).at(&*row.place)

@@ -7,7 +7,7 @@
 use super::landmarks::{Arms, Body, Joint};
 use crate::scan::Faces;
 use glam::DVec3;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
 // Lengths are shares of stature, stations count the bones of an arm from the shoulder: 1 is the elbow, 2 the wrist, 3 the finger tips.
 
@@ -85,6 +85,10 @@ pub fn cut(body: &Body, points: &[DVec3], faces: &Faces) -> Option<Cuts> {
         }
         limbs.push(name);
     }
+    // A skirt or a coat closes the gap between the legs as well: only a scan that has melted elsewhere is taken to have melted there.
+    if limbs.is_empty() {
+        return None;
+    }
     let legs = Legs::new(body);
     let mut sides: Vec<Side> =
         points.iter().zip(&arms).map(|(&p, arm)| if *arm { Side::Neither } else { legs.side(p) }).collect();
@@ -97,9 +101,6 @@ pub fn cut(body: &Body, points: &[DVec3], faces: &Faces) -> Option<Cuts> {
             shift[v] = away * (SWING[1] * (legs.crotch - points[v].dot(body.up)).max(0.0));
         }
         limbs.push("legs");
-    }
-    if limbs.is_empty() {
-        return None;
     }
     let moving: Vec<bool> = arms.iter().zip(&mesh.rims).map(|(arm, rim)| *arm || *rim).collect();
     mesh.smooth(&moving, &mut shift);
@@ -301,6 +302,9 @@ impl<'a> Mesh<'a> {
             has(Side::Limb) && has(Side::Rest)
         };
         let seam: Vec<usize> = self.corners().filter(|(_, face)| across(face)).map(|(f, _)| f).collect();
+        if seam.is_empty() {
+            return false;
+        }
         let mut at_seam = vec![false; sides.len()];
         for &f in &seam {
             self.keep[f] = false;
@@ -349,16 +353,16 @@ impl<'a> Mesh<'a> {
         edges
     }
 
-    /// Gives the side of their neighbours to those of neither side that pass.
+    /// Gives the side of their neighbours to those of neither side that pass, the nearest first.
     fn spread(&self, sides: &mut [Side], passes: impl Fn(usize) -> bool) {
         let edges = self.edges();
-        let mut open: Vec<u32> = (0..sides.len() as u32).filter(|&v| sides[v as usize] != Side::Neither).collect();
-        while let Some(v) = open.pop() {
+        let mut open: VecDeque<u32> = (0..sides.len() as u32).filter(|&v| sides[v as usize] != Side::Neither).collect();
+        while let Some(v) = open.pop_front() {
             let first = edges.partition_point(|e| e.0 < v);
             for &(_, w) in edges[first..].iter().take_while(|e| e.0 == v) {
                 if sides[w as usize] == Side::Neither && passes(w as usize) {
                     sides[w as usize] = sides[v as usize];
-                    open.push(w);
+                    open.push_back(w);
                 }
             }
         }

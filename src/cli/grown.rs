@@ -1,6 +1,6 @@
 //! Scans that have grown together with the floor, or with themselves: what is left out of them, and what is cut.
 
-use super::args::Animate;
+use super::args::{Animate, Map};
 use crate::binding::grown::{self, Cuts};
 use crate::binding::landmarks::{Body, Floor};
 use crate::error::Notes;
@@ -25,8 +25,8 @@ pub(super) fn recut(
     notes: &mut Notes,
 ) -> Option<Recut> {
     let without = body.floor.map(|floor| without_floor(scan, unit_box, &floor, notes));
-    // A proxy of the user's own is made for the scan as it is, and shells are not cut.
-    let own = args.proxy.is_some() || args.shells.are_chosen().unwrap_or(true);
+    // A proxy of the user's own is made for the scan as it is, shells are not cut, and the paper's map knows nothing of parts that are held apart.
+    let own = args.proxy.is_some() || args.map == Map::Paper || args.shells.are_chosen().unwrap_or(true);
     let standing = without.as_ref().unwrap_or(scan);
     let cuts = if own { None } else { grown::cut(body, points, &standing.mesh.faces) };
     match cuts {

@@ -114,7 +114,9 @@ fn range_words(joint: &Joint, unit_box: UnitBox) -> Vec<String> {
 fn clarity(joint: &Joint) -> String {
     let how = match joint.kind {
         Kind::Fixed => format!("spread {:.0}", joint.spread),
-        _ => format!("gap {:.0}", joint.gap.min(9999.0)),
+        // Nothing else moves in the contact at all.
+        _ if joint.gap > 9999.0 => "no other fits".to_owned(),
+        _ => format!("gap {:.0}", joint.gap),
     };
     format!("{}, {} samples", how, joint.samples)
 }

@@ -97,7 +97,7 @@ impl Setup {
             bound => bound?,
         };
         let recut = found.and_then(|found| grown::recut(args, &scan, unit_box, &points, &found, &mut binding.notes));
-        let (scan, triangles, built, apart) = match recut {
+        let (scan, triangles, built, mut apart) = match recut {
             Some(Recut { scan, shift }) => {
                 let triangles = scan.mesh.vertex_triangles();
                 let moved = shift.as_deref().map(|shift| grown::moved(&points, shift));
@@ -159,6 +159,9 @@ impl Setup {
             handles = attach(&proxy, shell.as_ref(), &binding, &regions, limbs.as_ref(), args);
             oriented = grips::grips(&subject, &binding.turning.handles, &holdings(args))?;
             let Some(held) = held_components(&proxy, &handles, &oriented) else { break };
+            if let Some(apart) = &mut apart {
+                apart.proxy = proxy.vertices_of(|c| held[c as usize]).into_iter().map(|v| apart.proxy[v as usize]).collect();
+            }
             proxy = proxy.with_components(|c| held[c as usize]);
             shell = shell.map(|body| body.with_components(|c| held[c as usize]));
             let loose = words::plural(held.iter().filter(|h| !**h).count(), "separate part");

@@ -83,7 +83,7 @@ pub struct FrameStats {
     pub passes: u32,
     /// Largest move of the last preconditioned step, in diagonals.
     pub step: f64,
-    /// About how far the worst vertex is from the minimum of the energy, in diagonals. `None` with a fixed count of iterations, whose
+    /// About how far the worst vertex is from the minimum of the energy, in diagonals, as measured with every handle present. `None` with a fixed count of iterations, whose
     /// steps tell nothing of it.
     pub error: Option<f64>,
     /// Whether the tolerance was reached before the cap (always true with a fixed count of iterations).

@@ -122,7 +122,7 @@ pub(crate) fn transpose(r: [Lanes; 4]) -> [Lanes; 4] {
 
 static BASELINE: AtomicBool = AtomicBool::new(false);
 
-/// Runs everything as on a processor without AVX2, or again as this one allows. The results are the same bits either way; benches and tests compare.
+/// Runs what is compiled for both as on a processor without AVX2, or again as this one allows. The results are the same bits either way; benches and tests compare.
 pub fn use_baseline(only: bool) {
     BASELINE.store(only, Ordering::Relaxed);
 }

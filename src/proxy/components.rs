@@ -3,6 +3,15 @@
 use super::Proxy;
 
 impl Proxy {
+    /// The vertices that [`Proxy::with_components`] keeps, in their order.
+    pub fn vertices_of(&self, keep: impl Fn(u32) -> bool) -> Vec<u32> {
+        let mut kept = vec![false; self.rest.len()];
+        for (t, &c) in self.tets.iter().zip(&self.components) {
+            t.iter().for_each(|&v| kept[v as usize] = keep(c));
+        }
+        (0..self.rest.len() as u32).filter(|&v| kept[v as usize]).collect()
+    }
+
     /// The components that `keep` says yes to, renumbered from 0; vertices, tetrahedra and faces stay in their order.
     ///
     /// A component without any handle cannot be posed: a chair beside a person. Left out, its part of the scan follows what is nearest.

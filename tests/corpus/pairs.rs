@@ -207,7 +207,7 @@ fn measured(mut row: Row, report: &Value, body: &Body, take: &Take, frames: &[Ve
         (Kind::Strain, strain, STRAINED, format!("handles are strained by {strain:.0} %")),
         (Kind::Slip, slip, SLIDES, format!("feet slide by {slip:.0} mm")),
     ] {
-        if found > limit {
+        if found > limit || found.is_nan() {
             row.wrong.push(Wrong::new(kind, words));
         }
     }

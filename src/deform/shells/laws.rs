@@ -254,7 +254,13 @@ fn a_handle_that_is_away_for_a_while_changes_little() {
         }
         shells.step(&targets).unwrap();
         let off = distance(&shells.pose()[..body.vertices()], &poses[frame]) / 3.0;
-        assert!(off < if (8..18).contains(&frame) { 2e-3 } else { 1e-6 }, "frame {frame}: {off}");
+        // In the frame in which they come back creases are still held by where they were without them.
+        let most = match frame {
+            8..18 => 2e-3,
+            18 => 1e-5,
+            _ => 1e-6,
+        };
+        assert!(off < most, "frame {frame}: {off}");
     }
 }
 
@@ -297,9 +303,8 @@ fn a_frame_that_is_begun_anew_says_so() {
     let mut shells = Shells::new(&body, &handles, &[], &paper(2)).unwrap();
     let at_rest = targets(&handles, &body.proxy.rest);
     (0..12).for_each(|_| assert!(!shells.step(&at_rest).unwrap().recovered));
-    // Crumpled, and without steps that would smooth it.
-    let mut random = dice(5);
-    shells.x.iter_mut().for_each(|p| *p += 0.1 * (DVec3::new(random(), random(), random()) - 0.5));
+    // Inside out as a whole, so that no vertex has neighbours that say where it belongs, and without steps that would move it.
+    shells.x.iter_mut().for_each(|p| p.y = -p.y);
     shells.settings.steps = 0;
     let stats = shells.step(&at_rest).unwrap();
     assert!(stats.recovered && distance(shells.pose(), &body.proxy.rest) < 1e-6, "{stats:?}");

@@ -1,13 +1,13 @@
 //! How far a pose is from the answer, when the solver's last step was so long.
 //!
 //! That depends on the body and on where its handles are: a long limb without any creeps for many steps. So it is measured where the answer is
-//! known: with every target at rest, from a pose that smooth forces have bent.
+//! known: with every target at rest, from a pose that random forces have bent.
 
 use super::Volumetric;
 use super::descent::Place;
+use super::elements::Element;
 use crate::linalg::lanes::{Lanes, longest};
 use crate::linalg::rotation;
-use glam::DVec3;
 
 /// The least that is believed; bodies with many markers have 13 to 25.
 const LEAST: f64 = super::ERROR_PER_STEP;
@@ -22,7 +22,10 @@ const PASSES: u32 = 60;
 
 impl Volumetric {
     /// Measures the error over the last step; leaves the body at rest.
-    pub(super) fn error_per_step(&mut self) -> f64 {
+    ///
+    /// Forces are random in size, along the ways to the middles of the tetrahedra: a body that is turned or mirrored has those of the body, turned or
+    /// mirrored.
+    pub(super) fn error_per_step(&mut self, elements: &[Element]) -> f64 {
         let count = self.attachments.len();
         self.asked.positions[..count].copy_from_slice(&self.attachments);
         self.asked.presence.fill(1.0);
@@ -31,9 +34,14 @@ impl Volumetric {
         self.drag.release();
 
         let m = &mut self.memory;
-        let mut state = 0;
-        for force in &mut m.plain {
-            *force = Lanes::point(DVec3::from_array(std::array::from_fn(|_| noise(&mut state))));
+        m.plain.fill(Lanes::ZERO);
+        for element in elements {
+            let middle = element.corners.iter().fold(Lanes::ZERO, |sum, &v| sum + self.rest[v as usize]) * 0.25;
+            for &v in &element.corners {
+                if m.plain[v as usize] == Lanes::ZERO {
+                    m.plain[v as usize] = (middle - self.rest[v as usize]) * noise(u64::from(v));
+                }
+            }
         }
         self.oriented.clear_given(&mut m.plain);
         self.handles.solve(&self.factor, &mut m.plain, &mut m.pulls, &mut m.pull_axis);
@@ -45,7 +53,7 @@ impl Volumetric {
         self.evaluate(Place::Current, 2);
         self.memory.anderson.forget();
         self.coarse.build(&self.blocks, &self.rotations);
-        let mut largest = LEAST;
+        let mut largest: Option<f64> = None;
         for _ in 0..PASSES {
             self.precondition();
             let m = &mut self.memory;
@@ -61,24 +69,25 @@ impl Volumetric {
             std::mem::swap(&mut self.p, &mut self.memory.trial);
             let away = self.p.iter().zip(&self.rest).map(|(p, rest)| longest(&[*p - *rest]));
             let error = away.fold(0.0, f64::max) / self.settings.diagonal;
-            if step < BETWEEN.1 {
-                largest = largest.max(error / step);
-            }
             if step < BETWEEN.0 {
+                // A body that is held everywhere arrives at once.
+                largest = largest.or(Some(LEAST));
                 break;
+            }
+            if step < BETWEEN.1 {
+                largest = Some(largest.map_or(error / step, |most| most.max(error / step)));
             }
         }
         self.p.copy_from_slice(&self.rest);
         self.rotations.fill(rotation::IDENTITY);
         self.memory.anderson.forget();
-        largest.min(MOST)
+        largest.unwrap_or(MOST).clamp(LEAST, MOST)
     }
 }
 
-/// Between −1 and 1 (Vigna's splitmix64).
-fn noise(state: &mut u64) -> f64 {
-    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let mut z = *state;
+/// Between −1 and 1, another number for each (the output of Vigna's splitmix64).
+fn noise(number: u64) -> f64 {
+    let mut z = (number + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0

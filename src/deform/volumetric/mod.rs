@@ -288,7 +288,7 @@ impl Volumetric {
             last,
         };
         if options.iterations.is_none() {
-            made.settings.error_per_step = made.error_per_step();
+            made.settings.error_per_step = made.error_per_step(&elements);
         }
         Ok(made)
     }

@@ -136,7 +136,8 @@ impl Gram {
                 best = if tried.cost < best.cost { tried } else { best };
             }
         }
-        best
+        // Costs that are no numbers compare with nothing.
+        if best.count == 0 { self.on_simplex(&choice.members[..1]) } else { best }
     }
 
     /// The minimum over the simplex of `set`, exact.

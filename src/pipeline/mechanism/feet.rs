@@ -164,12 +164,9 @@ impl Foot {
 /// A bone of the capture, as steep as the machine's: turned towards the bone before it.
 pub(super) fn tilted(bone: DVec3, before: DVec3, steeper: f64) -> DVec3 {
     let across = bone.cross(before);
-    // A foot in line with the shank has no direction down.
-    if across.length() < 1e-6 * bone.length() * before.length() {
-        bone
-    } else {
-        DQuat::from_axis_angle(across.normalize(), steeper) * bone
-    }
+    // A foot in line with the shank, or without any length, has no direction down.
+    let axis = across.try_normalize().filter(|_| across.length() > 1e-6 * bone.length() * before.length());
+    axis.map_or(bone, |axis| DQuat::from_axis_angle(axis, steeper) * bone)
 }
 
 /// The ground under the soles of a machine, whose feet are the parts that ankles and toes drive.

@@ -42,6 +42,7 @@ pub(super) fn feet(proxy: &Proxy, points: &[DVec3]) -> Vec<Foot> {
 
 /// The same, on the part that is nearest while parts are apart.
 pub(super) fn feet_apart(proxy: &Proxy, points: &[DVec3], apart: &Apart) -> Vec<Foot> {
+    assert_eq!(apart.proxy.len(), proxy.rest.len(), "the proxy's own vertices, held apart");
     let tree = TriangleTree::new(&apart.proxy, &proxy.boundary);
     let foot = |(&p, moved): (&DVec3, &DVec3)| {
         let c = tree.closest(*moved).expect("a boundary of finite triangles has a point nearest to a finite query");
