@@ -42,13 +42,16 @@ impl Need {
     }
 }
 
+/// First frame, frames, rate, markers or joints of a capture.
+type Extent = (i64, usize, f64, usize);
+
 /// Sizes of inputs, read once for all takes that share them.
 #[derive(Default)]
 struct Sizes {
     /// Vertices.
     scans: BTreeMap<PathBuf, Result<usize>>,
-    /// First frame, frames, rate, markers or joints; by file and what of it is read.
-    captures: BTreeMap<(PathBuf, String), Result<(i64, usize, f64, usize)>>,
+    /// By file and what of it is read.
+    captures: BTreeMap<(PathBuf, String), Result<Extent>>,
 }
 
 impl Sizes {
@@ -78,7 +81,7 @@ fn read_options(args: &Animate) -> ReadOptions {
     }
 }
 
-fn measure(args: &Animate, options: &ReadOptions) -> Result<(i64, usize, f64, usize)> {
+fn measure(args: &Animate, options: &ReadOptions) -> Result<Extent> {
     if capture::is_handle_table(&args.capture) {
         let table = HandleTable::read(&args.capture)?;
         let capture = table.empty_capture(args.rate.unwrap_or(HandleTable::RATE));
