@@ -1,4 +1,4 @@
-//! What can be wrong with a pair, and which warning has to tell of each kind: a warning of something else excuses nothing.
+//! What can be wrong with a pair, and which warning has to tell of each kind: a warning of another kind excuses nothing.
 
 use super::limbs;
 use std::fmt;
@@ -99,11 +99,16 @@ impl fmt::Display for Wrong {
     }
 }
 
+/// Warnings of a scan by itself, which every take with it gets.
+const OF_THE_SCAN: [&str; 2] = ["cut apart where the joints tell", "tetrahedra still join them"];
+
 /// Warnings that tell of something wrong with the whole: kinds by which a right pair would be cried over.
 pub fn alarms(warnings: &[String]) -> Vec<Kind> {
     use Kind::{Facing, Fit, Length, Residual, Slip, Strain, Unit, Up};
+    let of_the_pair: Vec<String> =
+        warnings.iter().filter(|warning| !OF_THE_SCAN.iter().any(|words| warning.contains(words))).cloned().collect();
     let all = [Up, Facing, Unit, Fit, Length(0), Strain, Residual, Slip];
-    all.into_iter().filter(|&kind| Wrong::new(kind, "").is_told(warnings)).collect()
+    all.into_iter().filter(|&kind| Wrong::new(kind, "").is_told(&of_the_pair)).collect()
 }
 
 /// Whether a warning tells of markers, sides or a body that were taken for what they may not be.
