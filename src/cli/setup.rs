@@ -177,7 +177,7 @@ impl Setup {
                 Some(body) => Ok(map_of_shell(cache.as_ref(), body, &points, &scan.mesh.faces, &examples)),
                 None => map_of(args, cache.as_ref(), &proxy, &points, &scan.mesh.faces, apart.as_ref()),
             },
-            || deformer(args, &proxy, shell.as_ref(), &handles, &oriented, &regions),
+            || deformer(args, &proxy, shell.as_ref(), &handles, &oriented, &regions, capture.rate),
         );
         let (map, (deformer, notes)) = (Arc::new(map?), deformer?);
         warn(console, &mut warnings, &notes);
@@ -359,6 +359,7 @@ fn deformer(
     handles: &[Handle],
     oriented: &[OrientedHandle],
     regions: &Regions,
+    rate: f64,
 ) -> Result<(Box<dyn Deformer>, Notes)> {
     let mut notes = Notes::default();
     if let Some(body) = shell {
@@ -369,6 +370,7 @@ fn deformer(
             (None, QualityArg::Default) => (options.still, options.decrease, options.steps),
             (None, QualityArg::Converged) => (1e-8, 1e-10, 60),
         };
+        options.rate = rate;
         let shells = Shells::new(body, handles, oriented, &options)?;
         shells::remarks(&shells).into_iter().for_each(|text| notes.warn(text));
         return Ok((Box::new(shells), notes));

@@ -41,20 +41,54 @@ impl Canonical {
         let mut corners: Vec<[u32; 3]> = Vec::with_capacity(kept);
         corners.extend(triangles.iter().filter(finite).map(|t| t.map(|v| place[v as usize])));
 
-        let frames = Frame::candidates(&cells);
-        let mut sorted = frames.iter().map(|&frame| Sorted::of(frame, &cells));
-        let mut best = sorted.next().unwrap_or_default();
-        for other in sorted {
-            let order = other.keys.cmp(&best.keys).then_with(|| other.sides(&corners).cmp(&best.sides(&corners)));
-            if order.is_lt() {
-                best = other;
-            }
-        }
+        let best = Sorted::first(&cells, &corners);
         Self {
             frame: best.frame,
             points: best.first.iter().map(|&i| best.frame.enter(grid.point(cells[i as usize]))).collect(),
             triangles: best.triangles(&corners),
             not_finite: triangles.len() - kept,
+        }
+    }
+}
+
+/// The frame of a surface whose vertices are all used, and their places in its order.
+pub(crate) struct Order {
+    frame: Frame,
+    /// Of each vertex; those on one cell of the grid share one.
+    pub(crate) rank: Vec<u32>,
+}
+
+impl Order {
+    /// Shapes: `triangles` over `points`, which are finite.
+    pub(crate) fn of(points: &[DVec3], triangles: &[[u32; 3]]) -> Self {
+        let grid = Grid::of(points.iter().copied());
+        let cells: Vec<[i64; 3]> = points.iter().map(|p| grid.cell(*p)).collect();
+        let Sorted { frame, rank, .. } = Sorted::first(&cells, triangles);
+        Self { frame, rank }
+    }
+
+    /// Points, on a grid of their own, in the frame.
+    pub(crate) fn enter(&self, points: &[DVec3]) -> Vec<DVec3> {
+        let grid = Grid::of(points.iter().copied());
+        points.iter().map(|p| self.frame.enter(grid.point(grid.cell(*p)))).collect()
+    }
+
+    /// Triangles with the first of their corners, by numbers in the order, first, and in order; counter-clockwise in the frame where they are so outside.
+    pub(crate) fn enter_triangles(&self, triangles: &mut [[u32; 3]]) {
+        for t in triangles.iter_mut() {
+            if self.frame.mirrors() {
+                t.swap(1, 2);
+            }
+            let first = (0..3).min_by_key(|&k| t[k]).unwrap_or(0);
+            t.rotate_left(first);
+        }
+        triangles.sort_unstable();
+    }
+
+    /// Triangles of the frame as they are outside.
+    pub(crate) fn leave_triangles(&self, triangles: &mut [[u32; 3]]) {
+        if self.frame.mirrors() {
+            triangles.iter_mut().for_each(|t| t.swap(1, 2));
         }
     }
 }
@@ -171,6 +205,20 @@ struct Sorted {
 }
 
 impl Sorted {
+    /// In the frame, of those that the moments do not tell apart, in which the surface comes first.
+    fn first(cells: &[[i64; 3]], corners: &[[u32; 3]]) -> Self {
+        let frames = Frame::candidates(cells);
+        let mut sorted = frames.iter().map(|&frame| Self::of(frame, cells));
+        let mut best = sorted.next().unwrap_or_default();
+        for other in sorted {
+            let order = other.keys.cmp(&best.keys).then_with(|| other.sides(corners).cmp(&best.sides(corners)));
+            if order.is_lt() {
+                best = other;
+            }
+        }
+        best
+    }
+
     fn of(frame: Frame, cells: &[[i64; 3]]) -> Self {
         let enter = |cell: &[i64; 3]| frame.axes.map(|(axis, backwards)| if backwards { -cell[axis] } else { cell[axis] });
         let least = cells.iter().map(enter).fold([i64::MAX; 3], |m, c| [0, 1, 2].map(|k| m[k].min(c[k])));

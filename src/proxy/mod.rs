@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 mod apart;
 mod build;
-mod canonical;
+pub(crate) mod canonical;
 mod caps;
 mod carve;
 mod components;

@@ -50,17 +50,42 @@ fn markers(case: &Case, take: &Take, frames: usize) -> Frames {
     (0..frames).map(|k| case.rest.iter().map(|&p| (take.motion)(time(k), p)).collect()).collect()
 }
 
-/// Each kind of body, by what a law is said to be of.
-const KINDS: [(Stuff, &str); 2] = [(Stuff::Tetrahedra, "program"), (Stuff::Shell, "program with examples")];
-
-/// Poses of a scan: at rest, and its examples where frames are solved by shells.
-fn poses(case: &Case, stuff: Stuff) -> Frames {
-    let examples = if stuff == Stuff::Shell { case.shape.examples() } else { Vec::new() };
-    std::iter::once(case.shape.points.clone()).chain(examples).collect()
+/// A way to solve frames, by what a law is said to be of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Volumetric,
+    ShellWithExamples,
+    ShellAlone,
 }
 
-/// Writes scan, examples and capture; what names the examples to the program.
-fn write_inputs(folder: &Path, poses: &[Vec<DVec3>], triangles: &[[u32; 3]], markers: &[Vec<DVec3>]) -> Vec<String> {
+const KINDS: [Kind; 3] = [Kind::Volumetric, Kind::ShellWithExamples, Kind::ShellAlone];
+
+impl Kind {
+    fn stuff(self) -> Stuff {
+        if self == Self::Volumetric { Stuff::Tetrahedra } else { Stuff::Shell }
+    }
+
+    fn what(self) -> &'static str {
+        match self {
+            Self::Volumetric => "program",
+            Self::ShellWithExamples => "program with examples",
+            Self::ShellAlone => "program, shells alone",
+        }
+    }
+
+    /// Poses of a scan: at rest, and its examples.
+    fn poses(self, case: &Case) -> Frames {
+        let examples = if self == Self::ShellWithExamples { case.shape.examples() } else { Vec::new() };
+        std::iter::once(case.shape.points.clone()).chain(examples).collect()
+    }
+
+    fn method(self) -> &'static str {
+        if self == Self::Volumetric { "volumetric" } else { "shells" }
+    }
+}
+
+/// Writes scan, examples and capture; the options that name method and examples to the program.
+fn write_inputs(folder: &Path, kind: Kind, poses: &[Vec<DVec3>], triangles: &[[u32; 3]], markers: &[Vec<DVec3>]) -> Vec<String> {
     std::fs::write(folder.join("scan.obj"), obj(&poses[0], triangles)).unwrap();
     std::fs::write(folder.join("take.c3d"), capture(markers)).unwrap();
     let examples = poses[1..].iter().enumerate().map(|(i, pose)| {
@@ -72,14 +97,14 @@ fn write_inputs(folder: &Path, poses: &[Vec<DVec3>], triangles: &[[u32; 3]], mar
     if !named.is_empty() {
         named.insert(0, "--examples".into());
     }
-    named
+    ["--method".into(), kind.method().into()].into_iter().chain(named).collect()
 }
 
 /// Writes the inputs, runs the program as it is in the scan's space, and reads the cache.
-fn run(poses: &[Vec<DVec3>], triangles: &[[u32; 3]], markers: &[Vec<DVec3>], more: &[&str]) -> Frames {
+fn run(kind: Kind, poses: &[Vec<DVec3>], triangles: &[[u32; 3]], markers: &[Vec<DVec3>], more: &[&str]) -> Frames {
     let work = tempfile::tempdir().unwrap();
-    let examples = write_inputs(work.path(), poses, triangles, markers);
-    let more: Vec<&str> = more.iter().copied().chain(examples.iter().map(String::as_str)).collect();
+    let named = write_inputs(work.path(), kind, poses, triangles, markers);
+    let more: Vec<&str> = more.iter().copied().chain(named.iter().map(String::as_str)).collect();
     let fixed = ["scan.obj", "take.c3d", "--align", "none", "-o", "out.pc2"];
     let unless_given = [["--proxy-vertices", "500"], ["--quality", "converged"]].into_iter().filter(|d| !more.contains(&d[0]));
     retarget_ok(work.path(), fixed.into_iter().chain(unless_given.flatten()).chain(more.iter().copied()));
@@ -103,18 +128,12 @@ fn own(stuff: Stuff) -> usize {
     all.iter().filter(|s| stuff == Stuff::Tetrahedra || s.is_surface).count()
 }
 
-/// Every own mesh with one of the takes, as these kinds of body.
-fn pairs_of(
-    kinds: &'static [(Stuff, &'static str)],
-) -> impl Iterator<Item = (Stuff, &'static str, &'static Case, &'static Take)> {
-    kinds.iter().flat_map(|&(stuff, what)| {
-        cases(stuff)[..own(stuff)].iter().enumerate().map(move |(i, case)| (stuff, what, case, &TAKES[i % TAKES.len()]))
+/// Every own mesh with one of the takes, in each way.
+fn pairs() -> impl Iterator<Item = (Kind, &'static Case, &'static Take)> {
+    KINDS.iter().flat_map(|&kind| {
+        let cases = &cases(kind.stuff())[..own(kind.stuff())];
+        cases.iter().enumerate().map(move |(i, case)| (kind, case, &TAKES[i % TAKES.len()]))
     })
-}
-
-/// The same of tetrahedra. Thin shells have several minima: a marker that is gone for a while may leave them in another one.
-fn pairs() -> impl Iterator<Item = (Stuff, &'static str, &'static Case, &'static Take)> {
-    pairs_of(&KINDS[..1])
 }
 
 #[test]
@@ -126,16 +145,16 @@ fn a_rigid_motion_of_all_markers_moves_the_scan_by_it() {
         move |p: DVec3| q * p + DVec3::new(0.01, -0.004, 0.02) * k as f64
     };
     let last = FRAMES.to_string();
-    for (stuff, what, case, _) in pairs_of(&KINDS) {
+    for (kind, case, _) in pairs() {
         let frames: Frames = (0..FRAMES).map(|k| case.rest.iter().map(|&p| motion(k)(p)).collect()).collect();
         let error = |out: &[DVec3], k: usize| largest(out.iter().zip(&case.shape.points).map(|(p, &q)| p.distance(motion(k)(q))));
-        let out = run(&poses(case, stuff), &case.shape.triangles, &frames, &[]);
+        let out = run(kind, &kind.poses(case), &case.shape.triangles, &frames, &[]);
         assert_eq!(out.len(), FRAMES);
-        tally.note(case, None, what, largest((0..FRAMES).map(|k| error(&out[k], k))));
+        tally.note(case, None, kind.what(), largest((0..FRAMES).map(|k| error(&out[k], k))));
         // Backwards, no frame but the last is as the scan. The solver begins with the turn that the markers tell: no step towards it is left.
         let backwards: Frames = frames.into_iter().rev().collect();
-        let out = run(&poses(case, stuff), &case.shape.triangles, &backwards, &["--ref", &last, "--quality", "draft"]);
-        begun.note(case, None, what, error(&out[0], FRAMES - 1));
+        let out = run(kind, &kind.poses(case), &case.shape.triangles, &backwards, &["--ref", &last, "--quality", "draft"]);
+        begun.note(case, None, kind.what(), error(&out[0], FRAMES - 1));
     }
     tally.close();
     begun.close();
@@ -144,7 +163,7 @@ fn a_rigid_motion_of_all_markers_moves_the_scan_by_it() {
 /// A scan with its take, under maps of space and in other orders.
 struct Variant<'a> {
     case: &'a Case,
-    stuff: Stuff,
+    kind: Kind,
     markers: Frames,
 }
 
@@ -153,8 +172,8 @@ impl Variant<'_> {
     fn run(&self, map: impl Fn(DVec3) -> DVec3, turn: impl Fn([u32; 3]) -> [u32; 3], more: &[&str]) -> Frames {
         let mapped = |all: &Frames| -> Frames { all.iter().map(|f| f.iter().map(|&p| map(p)).collect()).collect() };
         let triangles: Vec<[u32; 3]> = self.case.shape.triangles.iter().map(|&t| turn(t)).collect();
-        let (poses, markers) = (mapped(&poses(self.case, self.stuff)), mapped(&self.markers));
-        run(&poses, &triangles, &markers, more)
+        let (poses, markers) = (mapped(&self.kind.poses(self.case)), mapped(&self.markers));
+        run(self.kind, &poses, &triangles, &markers, more)
     }
 }
 
@@ -165,16 +184,16 @@ fn scaled_renumbered_turned_and_longer_inputs_give_the_same_animation() {
     let mut renumbered = Tally::new("program: renumbered scan, renumbered output", 0.0);
     let mut turned = Tally::new("program: scan and take along other axes, output along them", 1e-6);
     let mut longer = Tally::new("program: extra later frames leave the earlier ones alone", 0.0);
-    for (stuff, what, case, take) in pairs() {
-        let (whole, triangles) = (poses(case, stuff), &case.shape.triangles);
-        let here = Variant { case, stuff, markers: markers(case, take, FRAMES) };
+    for (kind, case, take) in pairs() {
+        let (whole, triangles) = (kind.poses(case), &case.shape.triangles);
+        let here = Variant { case, kind, markers: markers(case, take, FRAMES) };
         let base = here.run(|p| p, |t| t, &[]);
         assert!(apart(&vec![base[0].clone()], &vec![base[FRAMES - 1].clone()]) > 0.02, "{} must move", case.shape.name);
 
         for (factor, tally) in [(1024.0, &mut doubled), (1000.0, &mut scaled)] {
             let mut out = here.run(|p| p * factor, |t| t, &[]);
             out.iter_mut().flatten().for_each(|p| *p /= factor);
-            tally.note(case, Some(take), what, apart(&out, &base));
+            tally.note(case, Some(take), kind.what(), apart(&out, &base));
         }
 
         // Backwards, and by large steps: neither is near the order of the file.
@@ -189,19 +208,19 @@ fn scaled_renumbered_turned_and_longer_inputs_give_the_same_animation() {
                 from.iter().zip(&order).for_each(|(p, &v)| to[v as usize] = *p);
             }
             let sides: Vec<[u32; 3]> = triangles.iter().rev().map(|&[a, b, c]| [b, c, a].map(|v| order[v as usize])).collect();
-            let out = run(&shuffled, &sides, &here.markers, &[]);
+            let out = run(kind, &shuffled, &sides, &here.markers, &[]);
             let back: Frames = out.iter().map(|f| order.iter().map(|&v| f[v as usize]).collect()).collect();
-            renumbered.note(case, Some(take), what, apart(&back, &base));
+            renumbered.note(case, Some(take), kind.what(), apart(&back, &base));
         }
 
         let mut out = here.run(|p| DVec3::new(p.y, p.z, p.x), |t| t, &[]);
         out.iter_mut().flatten().for_each(|p| *p = DVec3::new(p.z, p.x, p.y));
-        turned.note(case, Some(take), what, apart(&out, &base));
+        turned.note(case, Some(take), kind.what(), apart(&out, &base));
 
         // The later frames run back to the start.
         let there_and_back: Frames = here.markers.iter().chain(here.markers.iter().rev()).cloned().collect();
-        let out = run(&whole, triangles, &there_and_back, &[]);
-        longer.note(case, Some(take), what, apart(&out[..FRAMES].to_vec(), &base));
+        let out = run(kind, &whole, triangles, &there_and_back, &[]);
+        longer.note(case, Some(take), kind.what(), apart(&out[..FRAMES].to_vec(), &base));
     }
     doubled.close();
     scaled.close();
@@ -213,14 +232,14 @@ fn scaled_renumbered_turned_and_longer_inputs_give_the_same_animation() {
 #[test]
 fn a_mirrored_input_gives_the_mirrored_animation() {
     let mut mirrored = Tally::new("program: mirrored scan and take, mirrored output", OTHER_PROXY);
-    for (stuff, what, case, take) in pairs() {
-        let here = Variant { case, stuff, markers: markers(case, take, FRAMES) };
+    for (kind, case, take) in pairs() {
+        let here = Variant { case, kind, markers: markers(case, take, FRAMES) };
         let size = ["--proxy-vertices", "3000"];
         let base = here.run(|p| p, |t| t, &size);
         let mirror = |p: DVec3| DVec3::new(-p.x, p.y, p.z);
         let mut out = here.run(mirror, |[a, b, c]| [a, c, b], &size);
         out.iter_mut().flatten().for_each(|p| *p = mirror(*p));
-        mirrored.note(case, Some(take), what, apart(&out, &base));
+        mirrored.note(case, Some(take), kind.what(), apart(&out, &base));
     }
     mirrored.close();
 }
@@ -228,16 +247,16 @@ fn a_mirrored_input_gives_the_mirrored_animation() {
 #[test]
 fn markers_that_vanish_and_return_leave_no_jump_on_any_body() {
     let mut tally = Tally::new("program: markers that vanish and return, largest extra move in a frame", JUMP);
-    for (stuff, what, case, take) in pairs() {
+    for (kind, case, take) in pairs() {
         let whole = markers(case, take, 2 * FRAMES + 16);
         let gone = FRAMES..FRAMES + 20;
         let mut holes = whole.clone();
         holes[gone.clone()].iter_mut().for_each(|f| f[6] = DVec3::NAN);
-        let (bodies, triangles) = (poses(case, stuff), &case.shape.triangles);
-        let [with, without] = [&holes, &whole].map(|frames| run(&bodies, triangles, frames, &[]));
+        let (bodies, triangles) = (kind.poses(case), &case.shape.triangles);
+        let [with, without] = [&holes, &whole].map(|frames| run(kind, &bodies, triangles, frames, &[]));
         let worst = largest((gone.start..with.len()).map(|k| extra_move(&with, &without, k)));
         assert!(apart(&with, &without) > 0.0, "{}: a marker must be missing", case.shape.name);
-        tally.note(case, Some(take), what, worst / case.shape.height());
+        tally.note(case, Some(take), kind.what(), worst / case.shape.height());
     }
     tally.close();
 }
@@ -245,9 +264,9 @@ fn markers_that_vanish_and_return_leave_no_jump_on_any_body() {
 #[test]
 fn any_number_of_threads_writes_the_same_bytes_twice() {
     let mut tally = Tally::new("program: 1, 2, 3 and 4 threads, the same bytes, twice", 0.0);
-    for (stuff, what, case, take) in pairs() {
+    for (kind, case, take) in pairs() {
         let work = tempfile::tempdir().unwrap();
-        let examples = write_inputs(work.path(), &poses(case, stuff), &case.shape.triangles, &markers(case, take, 5));
+        let examples = write_inputs(work.path(), kind, &kind.poses(case), &case.shape.triangles, &markers(case, take, 5));
         let mut first: Option<Vec<Vec<u8>>> = None;
         for (n, threads) in ["1", "2", "3", "4", "1", "2", "3", "4"].into_iter().enumerate() {
             let folder = work.path().join(n.to_string());
@@ -259,7 +278,7 @@ fn any_number_of_threads_writes_the_same_bytes_twice() {
             let bytes =
                 ["a.glb", "a.pc2", "f_1.ply", "f_5.ply", "g_4.obj"].map(|f| std::fs::read(folder.join(f)).unwrap()).to_vec();
             let same = first.get_or_insert_with(|| bytes.clone()) == &bytes;
-            tally.note(case, Some(take), &format!("{what}, {threads}"), if same { 0.0 } else { 1.0 });
+            tally.note(case, Some(take), &format!("{}, {threads}", kind.what()), if same { 0.0 } else { 1.0 });
         }
     }
     tally.close();

@@ -6,6 +6,7 @@ use super::newton::outwards;
 use super::topology::Topology;
 use crate::error::{Error, Kind, Notes, Result};
 use crate::proxy::Proxy;
+use crate::proxy::canonical::Order;
 use crate::words;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -72,8 +73,12 @@ impl Body {
         if volume(&used.poses[0], &faces, &topology.holes) < 0.0 {
             faces.iter_mut().for_each(|f| f.swap(1, 2));
         }
-        let poses: Vec<&[DVec3]> = used.poses.iter().map(Vec::as_slice).collect();
-        let coarse = decimate(&poses, &faces, target, cancel)?;
+        let order = &used.order;
+        order.enter_triangles(&mut faces);
+        let entered: Vec<Vec<DVec3>> = used.poses.iter().map(|x| order.enter(x)).collect();
+        let poses: Vec<&[DVec3]> = entered.iter().map(Vec::as_slice).collect();
+        let mut coarse = decimate(&poses, &faces, target, cancel)?;
+        order.leave_triangles(&mut coarse.faces);
         let of = |x: &[DVec3]| -> Vec<DVec3> { coarse.vertices.iter().map(|&v| x[v as usize]).collect() };
         let examples = used.poses[1..].iter().map(|x| of(x)).collect();
         let mut kept = vec![Self::NONE; points.len()];
@@ -219,12 +224,13 @@ fn selected(points: &[DVec3], triangles: &[[u32; 3]], examples: &[Vec<DVec3>], n
     (one, faces)
 }
 
-/// The vertices that triangles use.
+/// The vertices that triangles use, in an order that does not depend on their numbers.
 struct Used {
-    /// Rising, in the numbering of the scan.
+    /// In the numbering of the scan.
     vertices: Vec<u32>,
     poses: Vec<Vec<DVec3>>,
     faces: Vec<[u32; 3]>,
+    order: Order,
 }
 
 impl Used {
@@ -233,10 +239,24 @@ impl Used {
         vertices.sort_unstable();
         vertices.dedup();
         let place = |v: u32| vertices.binary_search(&v).unwrap_or_default() as u32;
+        let faces: Vec<[u32; 3]> = faces.iter().map(|f| f.map(place)).collect();
+        let of = |x: &[DVec3], order: &[u32]| -> Vec<DVec3> { order.iter().map(|&v| x[v as usize]).collect() };
+        let order = Order::of(&of(poses[0], &vertices), &faces);
+        // What is one at rest is told apart by the examples.
+        let bits = |v: u32| poses.iter().skip(1).map(move |x| x[v as usize].to_array().map(f64::to_bits));
+        let mut places: Vec<u32> = (0..vertices.len() as u32).collect();
+        places.sort_by(|&a, &b| {
+            let [v, w] = [a, b].map(|p| vertices[p as usize]);
+            order.rank[a as usize].cmp(&order.rank[b as usize]).then_with(|| bits(v).cmp(bits(w)))
+        });
+        let mut numbers = vec![0_u32; vertices.len()];
+        places.iter().zip(0..).for_each(|(&p, number)| numbers[p as usize] = number);
+        let vertices: Vec<u32> = places.iter().map(|&p| vertices[p as usize]).collect();
         Self {
-            poses: poses.iter().map(|x| vertices.iter().map(|&v| x[v as usize]).collect()).collect(),
-            faces: faces.iter().map(|f| f.map(place)).collect(),
+            poses: poses.iter().map(|x| of(x, &vertices)).collect(),
+            faces: faces.iter().map(|f| f.map(|p| numbers[p as usize])).collect(),
             vertices,
+            order,
         }
     }
 }

@@ -88,7 +88,28 @@ fn mean(x: &[DVec3]) -> DVec3 {
     x.iter().sum::<DVec3>() / x.len().max(1) as f64
 }
 
+/// Radii of gyration of a surface that are as long as the diagonal of the box around it: of people and animals 3.8 to 4.6, of a rod and a ball 3.5.
+const RADII: f64 = 4.3;
+
+/// Length of a surface, about the diagonal of the box around it, that neither a turn nor a mirror changes: of the second moments about its centre.
+pub(super) fn size(x: &[DVec3], faces: &[[u32; 3]]) -> f64 {
+    let area = |f: &[u32; 3]| double_area(x, *f).length();
+    let total: f64 = faces.iter().map(area).sum();
+    if total <= 0.0 {
+        return RADII * spread(x);
+    }
+    let corners = |f: &[u32; 3]| f.map(|v| x[v as usize]);
+    let centre = faces.iter().map(|f| corners(f).iter().sum::<DVec3>() * (area(f) / 3.0)).sum::<DVec3>() / total;
+    // The mean of |p|² over a triangle.
+    let square = |f: &[u32; 3]| {
+        let [a, b, c] = corners(f).map(|p| p - centre);
+        (a.length_squared() + b.length_squared() + c.length_squared() + (a + b + c).length_squared()) / 12.0
+    };
+    RADII * (faces.iter().map(|f| area(f) * square(f)).sum::<f64>() / total).sqrt()
+}
+
 /// Length of the diagonal of the box around points.
+#[cfg(test)]
 pub(super) fn diagonal(x: &[DVec3]) -> f64 {
     let (lo, hi) = x.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
     (hi - lo).length()

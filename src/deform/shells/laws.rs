@@ -549,7 +549,7 @@ fn a_smooth_bad_start_ends_in_the_same_minimum() {
     };
     let mut newton = Newton::new(shell, &held, handles.iter().map(grip).collect());
     let positions = targets(&handles, &bent(35.0, 50.0)).positions;
-    let weights = vec![1e6 / newton.shell.diagonal.powi(2); positions.len()];
+    let weights = vec![1e6 / newton.shell.size.powi(2); positions.len()];
     let goals = Goals { positions: &positions, weights: &weights };
     let settings = Settings {
         steps: 60,

@@ -76,6 +76,8 @@ pub struct Options {
     pub stiffness: Vec<f64>,
     /// Triangles that keep their shape, or that of the examples, in groups.
     pub rigid: Vec<Vec<u32>>,
+    /// Frames per second.
+    pub rate: f64,
 }
 
 impl Options {
@@ -91,6 +93,7 @@ impl Options {
             still: 2e-5,
             stiffness: Vec::new(),
             rigid: Vec::new(),
+            rate: 100.0,
         }
     }
 
@@ -128,11 +131,11 @@ const RIGID: f64 = 30.0;
 const DAMPING: f64 = 1e-9;
 /// Mean distance of the handles from their targets, in diagonals, from which a frame begins anew: a cut in the take.
 const CUT: f64 = 0.1;
-/// Share of the stiffness of a crease that holds it back at the angle that it had.
-const DRAG: f64 = 2.0;
-/// Mean move of the targets in a frame, in diagonals, from which the drag is full: less than half a millimetre of a person. A body that is held
-/// still comes to the minimum without it.
-const PACE: f64 = 2e-4;
+/// Drag of a crease against its stiffness, in seconds: what it would take to come within 1/e of an angle that nothing else keeps it from.
+const DRAG: f64 = 0.02;
+/// Mean speed of the targets, in diagonals per second, from which the drag is full: four centimetres of a person. A body that is held still comes to
+/// the minimum without it.
+const PACE: f64 = 0.02;
 
 /// A shell that handles pose.
 #[derive(Debug)]
@@ -150,6 +153,7 @@ pub struct Shells {
     last: FrameStats,
     is_cold: bool,
     is_fixed_count: bool,
+    rate: f64,
 }
 
 impl Shells {
@@ -163,7 +167,7 @@ impl Shells {
         let faces = &body.proxy.boundary;
         let stiffness = options.stiffness(faces.len())?;
         let shell = Shell::new(&body.proxy.rest[..n], faces, &body.examples, &options.material, &stiffness)?;
-        let pulls = Pulls::new(&body.proxy, handles, oriented, options.hardness / shell.diagonal.powi(2));
+        let pulls = Pulls::new(&body.proxy, handles, oriented, options.hardness / shell.size.powi(2));
         check_components(body, &pulls)?;
         let weights = vec![0.0; shell.examples.len()];
         let newton = Newton::new(shell, &pulls.held(n), pulls.grips());
@@ -189,6 +193,7 @@ impl Shells {
             last: FrameStats { converged: true, volume_ratio: 1.0, ..FrameStats::default() },
             is_cold: true,
             is_fixed_count: options.is_fixed_count(),
+            rate: options.rate,
         })
     }
 
@@ -208,9 +213,9 @@ impl Shells {
             self.last = FrameStats { passes: 0, step: 0.0, converged: true, recovered: false, ..self.last };
             return Ok(self.last);
         }
-        let diagonal = self.newton.shell.diagonal;
-        let motion = self.pulls.motion() / diagonal;
-        let cut = self.pulls.distance(&self.x, &self.newton.shell.faces) > CUT * diagonal;
+        let size = self.newton.shell.size;
+        let speed = self.pulls.motion() / size * self.rate;
+        let cut = self.pulls.distance(&self.x, &self.newton.shell.faces) > CUT * size;
         let mut recovered = false;
         let mut minimum = if cold || self.is_cold || cut {
             self.starts.forget();
@@ -219,7 +224,7 @@ impl Shells {
         } else {
             self.pulls.settle(&mut self.x, None);
             if !self.is_fixed_count {
-                self.newton.hold_back(&self.x, &self.weights, DRAG * (motion / PACE).min(1.0));
+                self.newton.hold_back(&self.x, &self.weights, DRAG * self.rate * (speed / PACE).min(1.0));
             }
             self.newton.minimize(&mut self.x, &mut self.weights, &self.pulls.goals(), &self.settings)
         };
@@ -277,10 +282,17 @@ impl Shells {
         }
     }
 
-    fn measure(&mut self, minimum: &Minimum, recovered: bool) -> FrameStats {
+    fn measure(&self, minimum: &Minimum, recovered: bool) -> FrameStats {
         let shell = &self.newton.shell;
         let now = volume(&self.x, &shell.faces, &shell.topology.holes);
-        let (inverted, fold) = self.newton.inside_out(&self.x, &self.weights);
+        let (mut inverted, mut longest) = (0, None::<(f64, DVec3)>);
+        for [a, b, ..] in self.newton.inside_out(&self.x, &self.weights) {
+            inverted += 1;
+            let [a, b] = [a, b].map(|v| shell.rest[v as usize]);
+            if longest.is_none_or(|(length, _)| a.distance(b) > length) {
+                longest = Some((a.distance(b), (a + b) * 0.5));
+            }
+        }
         FrameStats {
             passes: minimum.steps,
             step: minimum.last.map_or(0.0, |moves| moves.most),
@@ -291,7 +303,7 @@ impl Shells {
             recovered,
             energy: minimum.energy(),
             inverted,
-            fold,
+            fold: longest.map(|(_, place)| place),
             volume_ratio: if self.newton.shell.swell > 0.0 { now / self.newton.shell.volume } else { 1.0 },
         }
     }

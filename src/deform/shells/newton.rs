@@ -4,6 +4,7 @@ use super::geometry::{dihedral, dihedral_gradient, double_area, volume, volume_g
 use super::quadratic::Bounds;
 use super::shell::Shell;
 use super::system::{Direction, Linearization, Pull, System, Unknown};
+use super::topology::Hinge;
 use glam::{DMat3, DVec3};
 
 /// The shortest share of a step that is tried.
@@ -17,7 +18,7 @@ const SETTLED: f64 = 1e-4;
 const CREASING: f64 = 0.1;
 const CREASED: f64 = 0.5;
 /// From here on it is turned inside out.
-pub(super) const INSIDE_OUT: f64 = 2.0;
+const INSIDE_OUT: f64 = 2.0;
 
 /// When the second derivative of stretched edges is part of the matrix. The minimum is the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -237,7 +238,7 @@ impl Newton {
     fn moves(&self, slot: usize, share: f64) -> Moves {
         let moves = &self.directions[slot].moves;
         let squares = || moves.iter().map(|m| m.length_squared());
-        let length = |square: f64| share * square.sqrt() / self.shell.diagonal;
+        let length = |square: f64| share * square.sqrt() / self.shell.size;
         Moves { mean: length(squares().sum::<f64>() / moves.len().max(1) as f64), most: length(squares().fold(0.0, f64::max)) }
     }
 
@@ -340,38 +341,12 @@ impl Newton {
         [stretch, bend, swell, pull, drawn].map(|twice| 0.5 * twice)
     }
 
-    /// Vertices of the hinges that are inside out, rising, into `out`; returns the number of those hinges.
-    pub fn folded(&mut self, x: &[DVec3], weights: &[f64], out: &mut Vec<u32>) -> usize {
+    /// Hinges that are inside out.
+    pub fn inside_out<'a>(&'a self, x: &'a [DVec3], weights: &'a [f64]) -> impl Iterator<Item = Hinge> + 'a {
         let shell = &self.shell;
-        shell.wanted(weights, &mut self.wanted_lengths, &mut self.wanted_angles);
-        out.clear();
-        let mut count = 0;
-        for ((hinge, wanted), w) in shell.topology.hinges.iter().zip(&self.wanted_angles).zip(&shell.bend) {
-            if *w > 0.0 && (dihedral(x, *hinge) - wanted).abs() > INSIDE_OUT {
-                out.extend(hinge);
-                count += 1;
-            }
-        }
-        out.sort_unstable();
-        out.dedup();
-        count
-    }
-
-    /// Hinges that are inside out, and the middle of the longest of them at rest.
-    pub fn inside_out(&mut self, x: &[DVec3], weights: &[f64]) -> (u32, Option<DVec3>) {
-        let shell = &self.shell;
-        shell.wanted(weights, &mut self.wanted_lengths, &mut self.wanted_angles);
-        let (mut count, mut longest) = (0, None::<(f64, DVec3)>);
-        for ((hinge, wanted), w) in shell.topology.hinges.iter().zip(&self.wanted_angles).zip(&shell.bend) {
-            if *w > 0.0 && (dihedral(x, *hinge) - wanted).abs() > INSIDE_OUT {
-                count += 1;
-                let [a, b] = [hinge[0], hinge[1]].map(|v| shell.rest[v as usize]);
-                if longest.is_none_or(|(length, _)| a.distance(b) > length) {
-                    longest = Some((a.distance(b), (a + b) * 0.5));
-                }
-            }
-        }
-        (count, longest.map(|(_, place)| place))
+        let is_folded =
+            move |h: usize| (dihedral(x, shell.topology.hinges[h]) - shell.wanted_angle(h, weights)).abs() > INSIDE_OUT;
+        (0..shell.bend.len()).filter(move |&h| shell.bend[h] > 0.0 && is_folded(h)).map(|h| shell.topology.hinges[h])
     }
 
     /// Residuals and their derivatives at a pose.

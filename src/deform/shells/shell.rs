@@ -1,6 +1,6 @@
 //! The discrete shell: what a mesh resists, at rest and in its examples (Fröhlich & Botsch 2011, (1)–(8)).
 
-use super::geometry::{diagonal, dihedral, double_area, volume, wrapped};
+use super::geometry::{dihedral, double_area, size, volume, wrapped};
 use super::topology::{Hinge, NONE, Topology};
 use crate::error::Result;
 use glam::DVec3;
@@ -68,8 +68,8 @@ pub(super) struct Shell {
     pub faces: Vec<[u32; 3]>,
     pub topology: Topology,
     pub examples: Vec<Example>,
-    /// Diagonal of the box around the rest pose.
-    pub diagonal: f64,
+    /// See [`size`].
+    pub size: f64,
     pub volume: f64,
     lengths: Vec<f64>,
     angles: Vec<f64>,
@@ -166,9 +166,9 @@ impl Shell {
                 if off[h] { 0.0 } else { (material.bending * soft_hinges[h] * factor(e) / area).sqrt() * floors[e] }
             })
             .collect();
-        let diagonal = diagonal(rest);
+        let size = size(rest, faces);
         let at_rest = volume(rest, faces, &topology.holes);
-        let swell = if at_rest.abs() > 1e-12 * diagonal.powi(3) { material.volume.sqrt() / at_rest.abs() } else { 0.0 };
+        let swell = if at_rest.abs() > 1e-12 * size.powi(3) { material.volume.sqrt() / at_rest.abs() } else { 0.0 };
         for e in &mut differences {
             e.volume -= at_rest;
             e.stretch = e.lengths.iter().zip(&stretch).map(|(d, w)| -d * w).collect();
@@ -182,7 +182,7 @@ impl Shell {
             faces: faces.to_vec(),
             topology,
             examples: differences,
-            diagonal,
+            size,
             volume: at_rest,
             lengths,
             angles,
@@ -206,6 +206,12 @@ impl Shell {
             volume += weight * example.volume;
         }
         volume
+    }
+
+    /// What the angle of a hinge shall be with the weights (6).
+    pub fn wanted_angle(&self, hinge: usize, weights: &[f64]) -> f64 {
+        self.angles[hinge]
+            + self.examples.iter().zip(weights).map(|(example, weight)| weight * example.angles[hinge]).sum::<f64>()
     }
 }
 

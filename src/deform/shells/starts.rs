@@ -164,7 +164,7 @@ impl Starts {
 
     /// Solves the trial, in stages where the targets are far.
     fn approach(&mut self, newton: &mut Newton, pulls: &Pulls, goals: &Goals<'_>, settings: &Settings, distance: f64) -> Minimum {
-        let stages = if distance > FAR * newton.shell.diagonal { STAGES } else { 1 };
+        let stages = if distance > FAR * newton.shell.size { STAGES } else { 1 };
         let Trial { x, weights } = &mut self.trial;
         self.origin.copy_from_slice(x);
         self.from.clear();

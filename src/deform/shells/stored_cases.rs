@@ -1,7 +1,7 @@
 //! Converged answers of an independent implementation in double precision.
 #![allow(clippy::unwrap_used, clippy::print_stderr)]
 
-use super::geometry::volume;
+use super::geometry::{diagonal, volume};
 use super::newton::{Goals, Grip, Minimum, Newton, Settings, Tension, Weights};
 use super::quadratic::Bounds;
 use super::shell::{Material, Shell};
@@ -56,7 +56,7 @@ fn pure(name: &str) -> Option<(Newton, Vec<DVec3>, Minimum, f64, f64)> {
     let mut x = points(&case["X0"]);
     let begin = Instant::now();
     let minimum = newton.minimize(&mut x, &mut [], &NO_GOALS, &Settings { tension: Tension::Always, ..CONVERGED });
-    let off = distance(&x, &points(&case["X"])) / newton.shell.diagonal;
+    let off = distance(&x, &points(&case["X"])) / diagonal(&newton.shell.rest);
     let energy = minimum.energy() / case["E"][0] - 1.0;
     eprintln!(
         "{name}: {} steps, {:.1} ms each, E {:.9} (stored {:.9}), {off:.1e} D off, {:?}",
@@ -123,9 +123,9 @@ fn a_tube_winds_up_to_a_helix_as_stored() {
         }
         let minimum = newton.minimize(&mut x, &mut [weight], &NO_GOALS, &settings);
         let stored = &stored[i * n..(i + 1) * n];
-        let off = distance(&aligned(&x, stored), stored) / newton.shell.diagonal;
+        let off = distance(&aligned(&x, stored), stored) / diagonal(&newton.shell.rest);
         let analytic: Vec<DVec3> = points(&case["analytic"])[i * n..(i + 1) * n].to_vec();
-        let exact = distance(&aligned(&x, &analytic), &analytic) / newton.shell.diagonal;
+        let exact = distance(&aligned(&x, &analytic), &analytic) / diagonal(&newton.shell.rest);
         eprintln!(
             "helix {weight}: {} steps, E {:.8e}, {off:.1e} D off, {:.2} % from the exact helix",
             minimum.steps,
@@ -185,7 +185,7 @@ fn run(arm: &mut Arm, settings: &Settings) -> (f64, f64, f64) {
     let mut x = arm.newton.shell.rest.clone();
     let mut weights = [0.0; 2];
     let (mut off_weights, mut off, mut steps) = (0.0_f64, 0.0_f64, 0);
-    let pull = vec![1e6 / arm.newton.shell.diagonal.powi(2); arm.targets[0].len()];
+    let pull = vec![1e6 / diagonal(&arm.newton.shell.rest).powi(2); arm.targets[0].len()];
     let begin = Instant::now();
     for (frame, targets) in arm.targets.iter().enumerate() {
         let minimum = arm.newton.minimize(&mut x, &mut weights, &Goals { positions: targets, weights: &pull }, settings);
@@ -193,7 +193,7 @@ fn run(arm: &mut Arm, settings: &Settings) -> (f64, f64, f64) {
         let stored = arm.weights[frame];
         off_weights = off_weights.max((weights[0] - stored[0]).abs()).max((weights[1] - stored[1]).abs());
         if let Some((_, pose)) = arm.stored.iter().find(|(f, _)| *f == frame) {
-            off = off.max(distance(&x, pose) / arm.newton.shell.diagonal);
+            off = off.max(distance(&x, pose) / diagonal(&arm.newton.shell.rest));
         }
     }
     let mean = f64::from(steps) / arm.targets.len() as f64;
@@ -223,7 +223,7 @@ fn a_turned_example_finds_the_same_weights() {
     let mut weights: [Vec<[f64; 2]>; 2] = Default::default();
     for (k, arm) in [&mut plain, &mut turned].into_iter().enumerate() {
         let (mut x, mut w) = (arm.newton.shell.rest.clone(), [0.0; 2]);
-        let pull = vec![1e6 / arm.newton.shell.diagonal.powi(2); arm.targets[0].len()];
+        let pull = vec![1e6 / diagonal(&arm.newton.shell.rest).powi(2); arm.targets[0].len()];
         for targets in &arm.targets {
             let goals = Goals { positions: targets, weights: &pull };
             arm.newton.minimize(&mut x, &mut w, &goals, &Settings { steps: 60, decrease: 1e-11, ..free });
@@ -232,7 +232,7 @@ fn a_turned_example_finds_the_same_weights() {
         }
     }
     for frame in 0..weights[0].len() {
-        let off = distance(&poses[0][frame], &poses[1][frame]) / plain.newton.shell.diagonal;
+        let off = distance(&poses[0][frame], &poses[1][frame]) / diagonal(&plain.newton.shell.rest);
         let apart = (0..2).map(|i| (weights[0][frame][i] - weights[1][frame][i]).abs()).fold(0.0, f64::max);
         assert!(off < 1e-8 && apart < 1e-8, "frame {frame}: {off:e} D, weights {apart:e}");
     }
@@ -255,7 +255,7 @@ fn a_body_finds_a_pose_that_it_has_not_seen() {
     let at_rest: Vec<DVec3> = grips.iter().map(|g| g.pull.apply(&rest)).collect();
     let targets = points(&case["targets"])[..count].to_vec();
     let mut newton = Newton::new(shell, &vec![false; n], grips);
-    let diagonal = newton.shell.diagonal;
+    let diagonal = diagonal(&newton.shell.rest);
     let pull = vec![1e6 / diagonal.powi(2); count];
     let (mut x, mut weights) = (rest, vec![0.0; examples.len()]);
     let bounds = Bounds { least: -0.2, most: 1.2 };

@@ -88,7 +88,11 @@ impl Unfold {
         settings: &Settings,
         found: Minimum,
     ) -> Minimum {
-        let count = newton.folded(x, weights, &mut self.folded);
+        self.folded.clear();
+        self.folded.extend(newton.inside_out(x, weights).flatten());
+        let count = self.folded.len() / 4;
+        self.folded.sort_unstable();
+        self.folded.dedup();
         self.waiting = self.waiting.saturating_sub(1);
         if count == 0 || self.waiting > 0 && count <= self.known {
             return found;
