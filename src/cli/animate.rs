@@ -32,11 +32,14 @@ pub(super) fn run(args: &Animate, console: &Console, cancel: Cancel) -> Result<F
     let threads = args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
     pool.map_err(|e| Error::new(Kind::Usage, format!("cannot start {threads} threads: {e}")).hint("--threads 1"))?;
-    args.shells.check(&[
-        (args.proxy.is_some(), "--proxy", "--proxy-vertices N"),
-        (args.map == Map::Paper, "--map paper", "leave it out: a shell has one map"),
-        (args.solve_tolerance.is_some(), "--solve-tolerance", "--quality"),
-    ])?;
+    args.shells.check(
+        args.refine.is_some(),
+        &[
+            (args.proxy.is_some(), "--proxy", "--proxy-vertices N"),
+            (args.map == Map::Paper, "--map paper", "leave it out: a shell has one map"),
+            (args.solve_tolerance.is_some(), "--solve-tolerance", "--quality"),
+        ],
+    )?;
     let sinks = outputs::sinks(args)?;
     let setup = if articulate::applies(args)? {
         articulate::not_used(args)?;

@@ -331,6 +331,9 @@ pub struct Animate {
     /// Surface vertices of the proxy, 100 to 100000 (default: 3000, for shells 1000)
     #[arg(long, hide_short_help = true, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=100_000), help_heading = "Proxy")]
     pub proxy_vertices: Option<u32>,
+    /// With shells: so many steps on the whole scan after the coarse mesh is solved, in every frame
+    #[arg(long, hide_short_help = true, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = "Proxy")]
+    pub refine: Option<u32>,
     /// Use this tetrahedral mesh (MEDIT, in the scan's coordinates) as the proxy
     #[arg(long, hide_short_help = true, value_name = "FILE.mesh", help_heading = "Proxy")]
     pub proxy: Option<PathBuf>,

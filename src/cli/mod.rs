@@ -8,6 +8,7 @@ mod blend;
 mod captures;
 mod console;
 mod decisions;
+mod fit;
 mod grown;
 mod inspect;
 mod joints;

@@ -6,25 +6,25 @@ use super::console::Console;
 use super::decisions::{
     bind_line, binding_details, capture_line, cut, file_name, repair_details, repairs_json, scan_line, solve_line, unbound,
 };
+use super::fit::{Fitted, Fitting, holdings};
 use super::grown::{self, Recut};
 use super::picture::{self, Bound, Unbound};
 use super::proxies::{Made, body, map_of, map_of_shell};
 use super::rig::Rig;
 use super::shells::{self, Examples};
-use crate::binding::regions::Subject;
 use crate::binding::select::Hold;
-use crate::binding::{self, Binding, Limbs, Regions, Rules, ScanShape, Segment, driven, landmarks};
+use crate::binding::{self, Binding, Regions, ScanShape, driven, landmarks};
 use crate::cache::Cache;
 use crate::capture::{Capture, smooth};
-use crate::deform::shells::{Body, Shells, SurfaceRows};
+use crate::deform::shells::{Body, Options as ShellOptions, Refined, Shells};
 use crate::deform::volumetric::{Options, Volumetric};
-use crate::deform::{Deformer, Grip, Handle, OrientedHandle};
+use crate::deform::{Deformer, Handle, OrientedHandle};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::export::Cancel;
 use crate::export::files::Pending;
+use crate::linalg::SparseRow;
 use crate::pipeline;
-use crate::pipeline::grips::{self, Holding};
-use crate::proxy::rows::HandleRows;
+use crate::pipeline::grips;
 use crate::proxy::{self, Proxy, medit};
 use crate::scan::{self, Scan, UnitBox};
 use crate::spatial::TriangleTree;
@@ -130,7 +130,7 @@ impl Setup {
         warn(console, &mut warnings, &unbound(&binding));
         warn(console, &mut warnings, &grips::missing(&binding.turning, &holdings(args), range.clone()));
         repair_details(&capture).iter().chain(&binding_details(&binding)).for_each(|line| console.detail(line));
-        let Made { proxy, mut shell, words: remarks, notes, joined, touching } = built?;
+        let Made { proxy, shell, words: remarks, notes, joined, touching } = built?;
         console.station("proxy", &remarks);
         warn(console, &mut warnings, &notes);
         let mut notes = Notes::default();
@@ -151,36 +151,36 @@ impl Setup {
         let range = resample(args, &mut capture, &mut binding, range)?;
         cancel.check()?;
 
-        let (mut proxy, mut handles, mut oriented, mut regions) = (proxy, Vec::new(), Vec::new(), Regions::default());
-        for _ in 0..2 {
-            let limbs = if touching { Limbs::of(&proxy, &binding, unit_box.diagonal, &joined) } else { None };
-            let subject = Subject::new(&scan, &points, unit_box, &proxy, &binding).with_limbs(limbs.as_ref());
-            regions = Regions::new(&subject, &rules(args, &rig, &binding))?;
-            handles = attach(&proxy, shell.as_ref(), &binding, &regions, limbs.as_ref(), args);
-            oriented = grips::grips(&subject, &binding.turning.handles, &holdings(args))?;
-            let Some(held) = held_components(&proxy, &handles, &oriented) else { break };
-            if let Some(apart) = &mut apart {
-                apart.proxy = proxy.vertices_of(|c| held[c as usize]).into_iter().map(|v| apart.proxy[v as usize]).collect();
+        let fitting = Fitting { args, rig: &rig, scan: &scan, points: &points, unit_box, binding: &binding };
+        let joints = touching.then_some(&joined[..]);
+        let (coarse, loose) = fitting.fit(proxy, shell, apart.as_mut(), joints)?;
+        warn(console, &mut warnings, &loose);
+        let whole = match (&coarse.shell, args.refine) {
+            (Some(body), Some(_)) => {
+                let all =
+                    shells::whole(&points, &triangles, &examples, body, &|| cancel.check()).map_err(|e| e.file(&scan.source))?;
+                Some(fitting.fit(all.proxy.clone(), Some(all), None, None)?.0)
             }
-            proxy = proxy.with_components(|c| held[c as usize]);
-            shell = shell.map(|body| body.with_components(|c| held[c as usize]));
-            let loose = words::plural(held.iter().filter(|h| !**h).count(), "separate part");
-            let mut notes = Notes::default();
-            notes.warn(format!("{loose} of the scan without a marker: the nearest part of the body takes it along"));
-            warn(console, &mut warnings, &notes);
-        }
+            _ => None,
+        };
+        let regions = &coarse.regions;
         if !regions.counts.is_empty() {
             console.station("parts", &regions.words());
         }
-        let (map, deformer) = rayon::join(
-            || match &shell {
-                Some(body) => Ok(map_of_shell(cache.as_ref(), body, &points, &scan.mesh.faces, &examples)),
-                None => map_of(args, cache.as_ref(), &proxy, &points, &scan.mesh.faces, apart.as_ref()),
-            },
-            || deformer(args, &proxy, shell.as_ref(), &handles, &oriented, &regions, capture.rate),
-        );
-        let (map, (deformer, notes)) = (Arc::new(map?), deformer?);
+        let map_of_body = |fitted: &Fitted| match &fitted.shell {
+            Some(body) => Ok(map_of_shell(cache.as_ref(), body, &points, &scan.mesh.faces, &examples)),
+            None => map_of(args, cache.as_ref(), &fitted.proxy, &points, &scan.mesh.faces, apart.as_ref()),
+        };
+        let (map, made) = rayon::join(|| map_of_body(&coarse), || deformer(args, &coarse, capture.rate));
+        let (mut map, (mut deformer, notes)) = (map?, made?);
         warn(console, &mut warnings, &notes);
+        let mut fitted = coarse;
+        if let Some(whole) = whole {
+            deformer = refined(args, &fitted, &whole, &map, capture.rate)?;
+            map = map_of_body(&whole)?;
+            fitted = whole;
+        }
+        let (map, Fitted { proxy, handles, oriented, regions, .. }) = (Arc::new(map), fitted);
         if let Some(trouble) = cache.and_then(|cache| cache.trouble()) {
             let mut notes = Notes::default();
             notes.warn(format!("the cache is not kept: {trouble}"));
@@ -282,96 +282,12 @@ pub(super) fn warn(console: &Console, all: &mut Vec<String>, notes: &Notes) {
     }
 }
 
-/// Hardness of handles on rigid parts against others: a part that cannot bend towards each of its handles leaves them farther away.
-const GRIP: f64 = 4.0;
-
-/// What handles of tables hold.
-fn holdings(args: &Animate) -> Vec<Holding> {
-    let holdings =
-        |holds: &[Hold], exact| holds.iter().map(move |hold| Holding { hold: hold.clone(), exact }).collect::<Vec<_>>();
-    [holdings(&args.hold, false), holdings(&args.hold_exact, true)].concat()
-}
-
-/// What is rigid or stiffer. A fixed count of plain iterations is for the energy as it was published.
-fn rules(args: &Animate, rig: &Rig, binding: &Binding) -> Rules {
-    let mut rules = if args.iterations.is_some() { Rules::default() } else { Rules::of_body(binding) };
-    rig.rules(&mut rules);
-    args.stiffness.iter().for_each(|rule| rules.stiffness(rule.clone()));
-    args.rigid.iter().for_each(|what| rules.rigid(what.clone()));
-    rules
-}
-
-/// The handles of the bound markers.
-fn attach(
-    proxy: &Proxy,
-    shell: Option<&Body>,
-    binding: &Binding,
-    regions: &Regions,
-    limbs: Option<&Limbs>,
-    args: &Animate,
-) -> Vec<Handle> {
-    let surface = shell.map(SurfaceRows::new);
-    let rows = HandleRows::new(proxy, args.map.into());
-    // Where limbs touch, each segment has rows on its own limb.
-    let own: Vec<HandleRows> =
-        limbs.iter().flat_map(|limbs| Segment::ALL.map(|s| rows.among(proxy, |v| limbs.suits(v, s)))).collect();
-    let on_rigid = regions.on_rigid(proxy, binding.handles.iter().map(|h| h.attachment));
-    let handles = binding.handles.iter().zip(on_rigid);
-    handles
-        .map(|(h, rigid)| {
-            let beta = if rigid && h.beta >= 1.0 { h.beta * GRIP } else { h.beta };
-            Handle {
-                name: h.label.clone(),
-                row: match &surface {
-                    Some(surface) => surface.row(h.attachment),
-                    None => h.segment.and_then(|s| own.get(s as usize)).unwrap_or(&rows).row(h.attachment),
-                },
-                beta,
-            }
-        })
-        .collect()
-}
-
-/// Which components of the proxy a handle holds; `None` where all or none are held.
-fn held_components(proxy: &Proxy, handles: &[Handle], oriented: &[OrientedHandle]) -> Option<Vec<bool>> {
-    let mut of_vertex = vec![0; proxy.rest.len()];
-    for (tet, &component) in proxy.tets.iter().zip(&proxy.components) {
-        tet.iter().for_each(|&v| of_vertex[v as usize] = component);
-    }
-    let count = proxy.components.iter().max().map_or(0, |&last| last as usize + 1);
-    let mut held = vec![false; count];
-    let mut hold = |vertices: &[u32]| vertices.iter().for_each(|&v| held[of_vertex[v as usize] as usize] = true);
-    handles.iter().for_each(|handle| hold(&handle.row.indices));
-    for handle in oriented {
-        match &handle.grip {
-            Grip::Frame { rows, .. } => rows.iter().for_each(|row| hold(&row.indices)),
-            Grip::Region { vertices, .. } | Grip::Exact { vertices } => hold(vertices),
-        }
-    }
-    (held.contains(&true) && held.contains(&false)).then_some(held)
-}
-
 /// The deformer with its handles, and what is to be said about it.
-fn deformer(
-    args: &Animate,
-    proxy: &Proxy,
-    shell: Option<&Body>,
-    handles: &[Handle],
-    oriented: &[OrientedHandle],
-    regions: &Regions,
-    rate: f64,
-) -> Result<(Box<dyn Deformer>, Notes)> {
+fn deformer(args: &Animate, fitted: &Fitted, rate: f64) -> Result<(Box<dyn Deformer>, Notes)> {
     let mut notes = Notes::default();
+    let Fitted { proxy, shell, handles, oriented, regions } = fitted;
     if let Some(body) = shell {
-        let mut options = args.shells.options(body, regions.stiffness.clone(), regions.rigid.clone());
-        (options.still, options.decrease, options.steps) = match (args.iterations, args.quality) {
-            (Some(count), _) => (0.0, 0.0, count),
-            (None, QualityArg::Draft) => (1e-4, 1e-3, 3),
-            (None, QualityArg::Default) => (options.still, options.decrease, options.steps),
-            (None, QualityArg::Converged) => (1e-8, 1e-10, 60),
-        };
-        options.rate = rate;
-        let shells = Shells::new(body, handles, oriented, &options)?;
+        let shells = Shells::new(body, handles, oriented, &shell_options(args, body, regions, rate))?;
         shells::remarks(&shells).into_iter().for_each(|text| notes.warn(text));
         return Ok((Box::new(shells), notes));
     }
@@ -383,6 +299,32 @@ fn deformer(
         ..Options::default()
     };
     Ok((Box::new(Volumetric::with_oriented(proxy, handles, oriented, &options)?), notes))
+}
+
+/// How a shell is solved.
+fn shell_options(args: &Animate, body: &Body, regions: &Regions, rate: f64) -> ShellOptions {
+    let mut options = args.shells.options(body, regions.stiffness.clone(), regions.rigid.clone());
+    options.rate = rate;
+    (options.still, options.decrease, options.steps) = match (args.iterations, args.quality) {
+        (Some(count), _) => (0.0, 0.0, count),
+        (None, QualityArg::Draft) => (1e-4, 1e-3, 3),
+        (None, QualityArg::Default) => (options.still, options.decrease, options.steps),
+        (None, QualityArg::Converged) => (1e-8, 1e-10, 60),
+    };
+    options
+}
+
+/// The deformer of the whole mesh, after the coarse one; `map`: from that to the scan.
+fn refined(args: &Animate, coarse: &Fitted, whole: &Fitted, map: &SurfaceMap, rate: f64) -> Result<Box<dyn Deformer>> {
+    let (Some(body), Some(all)) = (&coarse.shell, &whole.shell) else { unreachable!("only shells are refined") };
+    let first = Shells::new(body, &coarse.handles, &coarse.oriented, &shell_options(args, body, &coarse.regions, rate))?;
+    let steps = args.refine.unwrap_or_default();
+    let options = ShellOptions { steps, ..shell_options(args, all, &whole.regions, rate) };
+    let mut rows = vec![SparseRow::default(); all.vertices()];
+    for (v, place) in all.places.iter().enumerate().filter(|(_, place)| **place != Body::NONE) {
+        rows[*place as usize] = map.row(v);
+    }
+    Ok(Box::new(Refined::new(first, rows, all, &whole.handles, &whole.oriented, &options)?))
 }
 
 #[allow(clippy::too_many_arguments)]

@@ -118,11 +118,11 @@ impl ShellArgs {
         }
     }
 
-    /// What cannot be asked for together. `others`: options of the volumetric deformer, whether they are given, and what shells have in their place.
+    /// What cannot be asked for together. `refined`: whether `--refine` is given; `others`: options of the volumetric deformer, whether they are given, and what shells have in their place.
     ///
     /// # Errors
     /// [`Kind::Usage`].
-    pub(super) fn check(&self, others: &[(bool, &'static str, &'static str)]) -> Result<()> {
+    pub(super) fn check(&self, refined: bool, others: &[(bool, &'static str, &'static str)]) -> Result<()> {
         let is_shell = self.are_chosen()?;
         if let Some((_, option, hint)) = others.iter().find(|o| is_shell && o.0) {
             return Err(Error::new(Kind::Usage, format!("{option} with shells"))
@@ -134,8 +134,11 @@ impl ShellArgs {
             (self.example_scale.is_some(), "--example-scale"),
             (self.material.learn_stiffness, "--learn-stiffness"),
         ];
-        let of_shells =
-            [(self.material.thickness.is_some(), "--thickness"), (self.material.shell_weights.is_some(), "--shell-weights")];
+        let of_shells = [
+            (self.material.thickness.is_some(), "--thickness"),
+            (self.material.shell_weights.is_some(), "--shell-weights"),
+            (refined, "--refine"),
+        ];
         let given = |options: &[(bool, &'static str)]| options.iter().find(|o| o.0).map(|o| o.1);
         if let Some(option) = given(&of_shells).filter(|_| !is_shell) {
             return Err(Error::new(Kind::Usage, format!("{option} without shells"))
@@ -258,6 +261,29 @@ pub(super) fn body(
     Body::build(points, triangles, &examples.poses, vertices.unwrap_or(VERTICES) as usize, cancel)
 }
 
+/// The whole mesh, for steps after those on a coarse one.
+///
+/// # Errors
+/// Those of the coarse mesh; [`Kind::Refused`] where that is the whole one.
+pub(super) fn whole(
+    points: &[DVec3],
+    triangles: &[[u32; 3]],
+    examples: &Examples,
+    coarse: &Body,
+    cancel: &dyn Fn() -> Result<()>,
+) -> Result<Body> {
+    let all = body(points, triangles, examples, Some(u32::MAX), cancel)?;
+    if all.vertices() <= coarse.vertices() {
+        return Err(Error::refused(format!(
+            "--refine with {} vertices, all of which are solved",
+            crate::words::count(all.vertices())
+        ))
+        .expected("a coarse mesh of fewer vertices than the scan has")
+        .hint("leave it out, or --proxy-vertices with a smaller number"));
+    }
+    Ok(all)
+}
+
 /// What is to be said of the bending that is left out.
 pub(super) fn remarks(shells: &Shells) -> Option<String> {
     let (folded, thin) = shells.without_bending();
@@ -317,7 +343,7 @@ mod tests {
     #[test]
     fn options_without_what_they_are_for_are_refused_by_name() {
         let refused = |args: &ShellArgs, option: &str| {
-            let error = args.check(&[]).expect_err(option);
+            let error = args.check(false, &[]).expect_err(option);
             assert!(error.kind == Kind::Usage && error.to_string().contains(option), "{error}");
         };
         let shells = || ShellArgs { method: Method::Shells, ..ShellArgs::default() };
@@ -328,7 +354,7 @@ mod tests {
         let thick = MaterialArgs { thickness: Some(1.0), ..MaterialArgs::default() };
         let weighted = MaterialArgs { shell_weights: Some(ShellWeights::Paper), ..MaterialArgs::default() };
         for args in [ShellArgs::default(), ShellArgs { method: Method::Volumetric, ..ShellArgs::default() }] {
-            assert!(args.check(&[]).is_ok());
+            assert!(args.check(false, &[]).is_ok());
             refused(&ShellArgs { material: thick.clone(), ..args.clone() }, "--thickness");
             refused(&ShellArgs { material: weighted.clone(), ..args }, "--shell-weights");
         }
@@ -338,13 +364,13 @@ mod tests {
             refused(&ShellArgs { material: learnt.clone(), ..args }, "--learn-stiffness");
         }
         let others = [(false, "--proxy", ""), (true, "--map paper", "leave it out")];
-        let error = shells().check(&others).expect_err("--map paper");
+        let error = shells().check(false, &others).expect_err("--map paper");
         assert!(error.kind == Kind::Usage && error.to_string().contains("--map paper with shells"), "{error}");
-        assert!(ShellArgs::default().check(&others).is_ok());
-        assert!(ShellArgs { material: thick, ..shells() }.check(&[]).is_ok());
-        assert!(ShellArgs { material: weighted, ..shells() }.check(&[]).is_ok());
+        assert!(ShellArgs::default().check(false, &others).is_ok());
+        assert!(ShellArgs { material: thick, ..shells() }.check(false, &[]).is_ok());
+        assert!(ShellArgs { material: weighted, ..shells() }.check(false, &[]).is_ok());
         let all = ShellArgs { weight_range: range, example_scale: scale, material: learnt, ..examples() };
-        assert!(all.check(&[]).is_ok());
+        assert!(all.check(false, &[]).is_ok());
     }
 
     #[test]

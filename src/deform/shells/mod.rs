@@ -25,6 +25,7 @@ mod laws;
 mod newton;
 mod pulls;
 mod quadratic;
+mod refined;
 mod rows;
 #[cfg(test)]
 pub(crate) mod shapes;
@@ -40,6 +41,7 @@ pub use body::Body;
 pub use interpolate::Interpolator;
 pub(crate) use interpolate::too_far;
 pub use quadratic::Bounds;
+pub use refined::Refined;
 pub use rows::SurfaceRows;
 pub use shell::Material;
 
@@ -229,10 +231,10 @@ impl Shells {
             self.newton.minimize(&mut self.x, &mut self.weights, &self.pulls.goals(), &self.settings)
         };
         if !self.is_fixed_count {
-            let (x, weights) = (&mut self.x, &mut self.weights);
-            minimum = self.unfold.turn_back(&mut self.newton, x, weights, &self.pulls.goals(), &self.settings, minimum);
+            let (x, weights, goals) = (&mut self.x, &mut self.weights, self.pulls.goals());
+            minimum = self.unfold.turn_back(&mut self.newton, x, weights, &goals, &self.settings, minimum, speed == 0.0);
         }
-        if !minimum.energy().is_finite() || self.starts.leaps(minimum.shell()) {
+        if !minimum.energy().is_finite() || self.starts.leaps(minimum.shell(), speed == 0.0) {
             (minimum, recovered) = self.restart(minimum);
         }
         if !minimum.energy().is_finite() || self.x.iter().any(|p| !p.is_finite()) {

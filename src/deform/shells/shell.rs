@@ -35,8 +35,9 @@ pub struct Material {
 impl Material {
     /// For examples with free weights.
     pub const WITH_EXAMPLES: Self = Self { stretching: 100.0, bending: 1.0, volume: 1000.0, by_area: true, from_examples: false };
-    /// Without examples: thicker, so that it does not buckle, and harder to blow up.
-    pub const WITHOUT_EXAMPLES: Self = Self { stretching: 1.0, volume: 30_000.0, ..Self::WITH_EXAMPLES };
+    /// Without examples: harder to blow up, and somewhat thicker, so that it does not crumple. A much thicker one gives way by triangles that collapse, and
+    /// snaps from frame to frame.
+    pub const WITHOUT_EXAMPLES: Self = Self { stretching: 30.0, volume: 30_000.0, ..Self::WITH_EXAMPLES };
     /// As the paper has it: 100, 1 and 1000.
     pub const PAPER: Self = Self { by_area: false, ..Self::WITH_EXAMPLES };
 

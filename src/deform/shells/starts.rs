@@ -20,6 +20,8 @@ const MEMORY: usize = 20;
 /// Multiple of their median from which a frame has leapt into another valley, and the least energy of which that is said.
 const LEAP: f64 = 10.0;
 const NOTHING: f64 = 10.0;
+/// Multiple of the energy of the frame before that is still its own.
+const HARDLY_MORE: f64 = 1.01;
 /// Frames without another attempt after one that found nothing better: each costs as much as many frames.
 const WAIT: u32 = 8;
 
@@ -33,6 +35,8 @@ pub(super) struct Starts {
     energies: Vec<f64>,
     sorted: Vec<f64>,
     next: usize,
+    /// That of the frame before.
+    last: f64,
     /// Frames that are still to wait.
     waiting: u32,
     /// Poses by their distances from the targets, and what moves them there.
@@ -72,6 +76,7 @@ impl Starts {
             energies: Vec::with_capacity(MEMORY),
             sorted: Vec::with_capacity(MEMORY),
             next: 0,
+            last: f64::INFINITY,
             waiting: 0,
             order: Vec::with_capacity(poses.len()),
             best: trial.clone(),
@@ -97,6 +102,7 @@ impl Starts {
 
     /// Remembers what a frame cost.
     pub fn note(&mut self, energy: f64) {
+        self.last = energy;
         if self.energies.len() < MEMORY {
             self.energies.push(energy);
         } else {
@@ -105,8 +111,12 @@ impl Starts {
         self.next = (self.next + 1) % MEMORY;
     }
 
-    /// Whether a frame costs far more than those before it; asked once per frame.
-    pub fn leaps(&mut self, energy: f64) -> bool {
+    /// Whether a frame costs far more than those before it; asked once per frame. `still`: whether the targets do not move; then one that costs no more
+    /// than the frame before has been judged.
+    pub fn leaps(&mut self, energy: f64, still: bool) -> bool {
+        if still && energy <= HARDLY_MORE * self.last {
+            return false;
+        }
         if self.waiting > 0 {
             self.waiting -= 1;
             return false;
@@ -229,13 +239,16 @@ mod tests {
     #[test]
     fn after_a_vain_attempt_some_frames_pass_before_the_next() {
         let mut starts = Starts { energies: vec![1.0; MEMORY], ..Starts::default() };
-        assert!(!starts.leaps(9.0) && starts.leaps(11.0));
+        assert!(!starts.leaps(9.0, false) && starts.leaps(11.0, false));
         starts.wait();
-        assert!((0..WAIT).all(|_| !starts.leaps(11.0)));
-        assert!(starts.leaps(11.0));
+        assert!((0..WAIT).all(|_| !starts.leaps(11.0, false)));
+        assert!(starts.leaps(11.0, false));
         starts.wait();
         starts.forget();
         starts.energies.resize(MEMORY, 1.0);
-        assert!(starts.leaps(11.0));
+        assert!(starts.leaps(11.0, false));
+        // Held still, a body that has not leapt does not begin to.
+        starts.note(11.0);
+        assert!(!starts.leaps(11.0, true) && starts.leaps(12.0, true));
     }
 }

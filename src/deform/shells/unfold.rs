@@ -10,6 +10,8 @@ use glam::DVec3;
 
 /// Frames without another attempt after a vain one.
 const WAIT: u32 = 8;
+/// Most attempts where the targets do not move.
+const ATTEMPTS: u32 = 8;
 /// Most steps of an attempt, where a frame has not more.
 const STEPS: u32 = 12;
 /// Fewest neighbours that say where a vertex belongs.
@@ -40,6 +42,8 @@ pub(super) struct Unfold {
     /// Frames that are still to wait, while there are no more folds than were `known`.
     waiting: u32,
     known: usize,
+    /// Whether the body was held still in the frame before: then what could be done has been.
+    was_still: bool,
 }
 
 impl Unfold {
@@ -70,6 +74,7 @@ impl Unfold {
             weights: vec![0.0; body.examples.len()],
             waiting: 0,
             known: 0,
+            was_still: false,
         }
     }
 
@@ -78,8 +83,39 @@ impl Unfold {
         self.waiting = 0;
     }
 
-    /// Looks for a pose of less energy without the folds of this one, and leaves it in `x` and `weights`.
+    /// Looks for poses of less energy without the folds of this one, and leaves the last in `x` and `weights`. `still`: whether the targets do not
+    /// move. Then all is done in one frame, and nothing in those after it.
+    #[allow(clippy::too_many_arguments)]
     pub fn turn_back(
+        &mut self,
+        newton: &mut Newton,
+        x: &mut [DVec3],
+        weights: &mut [f64],
+        goals: &Goals<'_>,
+        settings: &Settings,
+        found: Minimum,
+        still: bool,
+    ) -> Minimum {
+        let is_done = std::mem::replace(&mut self.was_still, still) && still;
+        if is_done {
+            return found;
+        }
+        if still {
+            self.waiting = 0;
+        }
+        let mut found = found;
+        for _ in 0..if still { ATTEMPTS } else { 1 } {
+            let again = self.turn_once(newton, x, weights, goals, settings, found);
+            let is_better = again.energy() < found.energy();
+            found = again;
+            if !is_better {
+                break;
+            }
+        }
+        found
+    }
+
+    fn turn_once(
         &mut self,
         newton: &mut Newton,
         x: &mut [DVec3],
