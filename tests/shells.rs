@@ -238,3 +238,72 @@ fn a_real_walk_with_examples_is_as_calm_as_without() {
     eprintln!("second differences: {shells:.1} mm, {volumetric:.1} volumetric; of the weights {leap:.3}");
     assert!(shells < 1.5 * volumetric && leap < 0.1, "{shells} {volumetric} {leap}");
 }
+
+/// Largest distance between two runs, in diagonals.
+fn apart(a: &[Vec<[f32; 3]>], b: &[Vec<[f32; 3]>]) -> f64 {
+    let each = a.iter().flatten().zip(b.iter().flatten());
+    let distances = each.map(|(p, q)| DVec3::from(p.map(f64::from)).distance(DVec3::from(q.map(f64::from))));
+    distances.fold(0.0, |m: f64, x| if x > m || x.is_nan() { x } else { m }) / DIAGONAL
+}
+
+#[test]
+fn steps_on_the_whole_mesh_come_nearer_to_its_optimum() {
+    let folder = folder();
+    let run = |more: &[&str]| -> Vec<Vec<[f32; 3]>> {
+        let fixed = ["arm.obj", "take.csv", "--force", "--quality", "converged", "-o", "out.pc2"];
+        retarget_ok(folder.path(), fixed.iter().chain(["--examples", "elbow.obj", "shoulder.obj"].iter()).chain(more));
+        read_pc2(&folder.path().join("out.pc2"))
+    };
+    let optimum = run(&["--proxy-vertices", "100000"]);
+    let coarse = run(&["--proxy-vertices", "200"]);
+    let [two, six] = ["2", "6"].map(|steps| run(&["--proxy-vertices", "200", "--refine", steps]));
+    let [coarse, two, six] = [&coarse, &two, &six].map(|frames| apart(frames, &optimum));
+    eprintln!("largest distance from the optimum: coarse {coarse:.1e}, two steps {two:.1e}, six {six:.1e}");
+    assert!(two < 0.5 * coarse && six <= two, "{coarse} {two} {six}");
+}
+
+#[test]
+fn refine_is_refused_where_it_has_nothing_to_do() {
+    let folder = folder();
+    for (more, words) in [
+        (&["--refine", "2"][..], ["--refine without shells", "--method shells"]),
+        (&["--refine", "2", "--method", "shells", "--proxy-vertices", "100000"], ["all of which are solved", "--proxy-vertices"]),
+        (&["--refine", "0", "--method", "shells"], ["--refine", "1..=1000"]),
+    ] {
+        let output = retarget(folder.path(), ["arm.obj", "take.csv", "-o", "out.pc2"].iter().chain(more));
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(!output.status.success(), "{said}");
+        assert!(words.iter().all(|w| said.contains(w)), "{said}");
+        assert!(!folder.path().join("out.pc2").exists());
+    }
+}
+
+#[test]
+fn a_saved_rig_file_keeps_how_the_shell_is_solved() {
+    let folder = folder();
+    let run = |more: &[&str]| {
+        let fixed = ["arm.obj", "take.csv", "--force", "-o", "out.pc2", "--proxy-vertices", "300", "--examples", "elbow.obj"];
+        retarget_ok(folder.path(), fixed.iter().chain(more));
+        std::fs::read(folder.path().join("out.pc2")).unwrap()
+    };
+    let usual = run(&[]);
+    for (options, section) in [
+        (
+            &["--shell-weights", "50,2,500", "--weight-range", "convex"][..],
+            "weights = [50.0, 2.0, 500.0]\nweight_range = \"convex\"",
+        ),
+        (&["--thickness", "2.5", "--learn-stiffness"], "thickness = 2.5\nlearn_stiffness = true"),
+        (&["--shell-weights", "paper"], "paper = true"),
+    ] {
+        let first = run(&[options, &["--save-rig", "arm.toml"]].concat());
+        assert!(first != usual, "{options:?} must change something");
+        let text = std::fs::read_to_string(folder.path().join("arm.toml")).unwrap();
+        assert!(text.contains("[solver.shell]") && text.contains(section), "{text}");
+        assert!(run(&["--rig", "arm.toml"]) == first, "{options:?}");
+        assert!(run(&["--rig", "arm.toml", "--shell-weights", "100,1,1000", "--weight-range", "box"]) != first);
+    }
+    std::fs::write(folder.path().join("arm.toml"), "[solver.shell]\nthickness = 2\npaper = true\n").unwrap();
+    let output = retarget(folder.path(), ["arm.obj", "take.csv", "--rig", "arm.toml", "-o", "none.pc2"]);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(!output.status.success() && said.contains("[solver.shell]") && said.contains("one of them"), "{said}");
+}

@@ -7,6 +7,7 @@
 //! | `accuracy` | | what each quality gives and costs, on the fixture take and, with `RETARGET_SHARED`, on real ones |
 //! | `map` | `[SCAN]` | the surface map against plain reads of the matrix, and normals against the map |
 //! | `growth` | `[SCAN]` | time against the sizes of scan, proxy, take and set of handles, with slopes |
+//! | `shells` | | a step of the shell deformer against the size of its mesh; a real walk, with `RETARGET_SHARED` |
 //! | `takes` | | whole runs of a scan of 205,000 vertices: set-up, frames per second, memory |
 //!
 //! Times are those on a core where the system tells, medians of several.
@@ -23,6 +24,7 @@ mod core_time;
 mod growth;
 mod iteration;
 mod map;
+mod shells;
 mod takes;
 mod walk;
 
@@ -36,11 +38,13 @@ fn main() {
         Some("map") => map::run(rest.first()),
         Some("growth") => growth::run(rest.first()),
         Some("takes") => takes::run(),
+        Some("shells") => shells::run(),
         Some(other) => panic!("no section {other}"),
         None => {
             map::run(None);
             growth::run(None);
             accuracy::run();
+            shells::run();
             takes::run();
         }
     }

@@ -8,6 +8,7 @@ use super::outputs;
 use super::setup::{Setup, warn};
 use super::shells;
 use crate::batch::record::Summary;
+use crate::binding::rig::RigFile;
 use crate::error::{Error, Kind, Result};
 use crate::export::{Cancel, FrameSink, Header};
 use crate::pipeline::{self, Job, Progress};
@@ -29,6 +30,11 @@ pub(super) struct Finished {
 /// Runs the main job.
 pub(super) fn run(args: &Animate, console: &Console, cancel: Cancel) -> Result<Finished> {
     let start = Instant::now();
+    let mut merged = args.clone();
+    if let Some(path) = &args.rig {
+        merged.shells.take_from(&RigFile::read(path)?.solver.shell);
+    }
+    let args = &merged;
     let threads = args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
     pool.map_err(|e| Error::new(Kind::Usage, format!("cannot start {threads} threads: {e}")).hint("--threads 1"))?;

@@ -196,7 +196,7 @@ pub struct Inspect {
 }
 
 /// Arguments of the main job.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct Animate {
     /// The mesh to animate: OBJ, PLY, STL, OFF, glTF or GLB (also .gz and .zip)
     pub scan: PathBuf,

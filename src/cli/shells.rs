@@ -1,5 +1,6 @@
 //! Examples and the shell deformer: their options, and what follows from them.
 
+use crate::binding::rig::shell::{Range, ShellSection};
 use crate::deform::shells::{Body, Bounds, Material, Options, Shells};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::pipeline::Outcome;
@@ -151,6 +152,42 @@ impl ShellArgs {
                 .hint("--examples FILE"));
         }
         Ok(())
+    }
+
+    /// Takes over what a rig file says and the command line does not.
+    pub(super) fn take_from(&mut self, section: &ShellSection) {
+        let material = &mut self.material;
+        if material.thickness.is_none() && material.shell_weights.is_none() {
+            material.thickness = section.thickness;
+            material.shell_weights = match section.weights {
+                Some(weights) => Some(ShellWeights::Given(weights)),
+                None => section.paper.then_some(ShellWeights::Paper),
+            };
+        }
+        material.learn_stiffness |= section.learn_stiffness;
+        self.weight_range = self.weight_range.or(section.weight_range.map(|range| match range {
+            Range::Free => WeightRange::Free,
+            Range::Box => WeightRange::Box,
+            Range::Convex => WeightRange::Convex,
+        }));
+    }
+
+    /// What a rig file is to say of it.
+    pub(super) fn section(&self) -> ShellSection {
+        ShellSection {
+            weights: match self.material.shell_weights {
+                Some(ShellWeights::Given(weights)) => Some(weights),
+                _ => None,
+            },
+            paper: self.material.shell_weights == Some(ShellWeights::Paper),
+            thickness: self.material.thickness,
+            weight_range: self.weight_range.map(|range| match range {
+                WeightRange::Free => Range::Free,
+                WeightRange::Box => Range::Box,
+                WeightRange::Convex => Range::Convex,
+            }),
+            learn_stiffness: self.material.learn_stiffness,
+        }
     }
 
     /// `-0.2 to 1.2`.

@@ -1,5 +1,6 @@
 //! The sections of a rig file that say what a thing made of parts is, and what drives it.
 
+use super::shell::ShellSection;
 use super::{Written, is_default};
 use crate::error::{Error, Result};
 use crate::joints::{Kind, Style};
@@ -212,6 +213,8 @@ pub struct SolverSection {
     pub snap: Option<bool>,
     #[serde(skip_serializing_if = "is_default")]
     pub weights: WeightsSection,
+    #[serde(skip_serializing_if = "is_default")]
+    pub shell: ShellSection,
 }
 
 /// `weights` in `[solver]`.
@@ -236,6 +239,7 @@ impl SolverSection {
         if self.iterations == Some(0) {
             return fail("iterations = 0".into(), "1 or more");
         }
+        self.shell.check()?;
         let WeightsSection { joint, limit, strain, pos } = self.weights;
         let numbers = [("hold", self.hold), ("joint", joint), ("limit", limit), ("strain", strain), ("pos", pos)];
         match numbers.into_iter().find(|n| n.1.is_some_and(|x| !x.is_finite() || x < 0.0)) {

@@ -8,6 +8,7 @@
 
 mod frozen;
 pub mod mechanism;
+pub mod shell;
 mod spot;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]

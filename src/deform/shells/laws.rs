@@ -572,3 +572,48 @@ fn a_smooth_bad_start_ends_in_the_same_minimum() {
         assert!(distance(x, &found[0].0) < 1e-4 && *steps <= 20, "{} {steps}", distance(x, &found[0].0));
     }
 }
+
+#[test]
+fn a_motion_seen_more_often_is_the_same_motion() {
+    // Pushed together along its axis, the arm creases.
+    let (body, handles) = (subject(&[]), handles());
+    let squeezed = |t: f64| -> Targets {
+        let mut targets = targets(&handles, &bent(0.0, 100.0 * t));
+        targets.positions.iter_mut().for_each(|p| *p *= 1.0 - 0.15 * t);
+        targets
+    };
+    let play = |rate: u32| {
+        let options = Options { rate: f64::from(rate), material: Material::WITH_EXAMPLES, ..paper(0) };
+        let mut shells = Shells::new(&body, &handles, &[], &options).unwrap();
+        let mut poses = Vec::new();
+        for frame in 0..=rate {
+            shells.step(&squeezed(f64::from(frame) / f64::from(rate))).unwrap();
+            if (frame * 10).is_multiple_of(rate) {
+                poses.push(shells.pose()[..body.vertices()].to_vec());
+            }
+        }
+        poses
+    };
+    let (slow, fast) = (play(30), play(120));
+    let apart: Vec<f64> = slow.iter().zip(&fast).map(|(a, b)| distance(a, b) / 6.0).collect();
+    let moved = distance(&slow[0], &slow[10]) / 6.0;
+    assert!(moved > 0.1 && apart.iter().all(|d| *d < 0.01), "{apart:?}");
+}
+
+#[test]
+fn the_length_of_a_surface_is_that_of_the_turned_and_the_mirrored_one() {
+    use super::geometry::{diagonal, size};
+    let (rest, faces) = arm(RINGS, SEGMENTS, Bend { elbow: 60.0, ..Bend::default() });
+    let turn = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 0.7);
+    let turned: Vec<DVec3> = rest.iter().map(|p| turn * *p + DVec3::X).collect();
+    let mirrored: Vec<DVec3> = rest.iter().map(|p| *p * DVec3::new(1.0, -1.0, 1.0)).collect();
+    let length = size(&rest, &faces);
+    assert!((size(&turned, &faces) / length - 1.0).abs() < 1e-12 && (size(&mirrored, &faces) / length - 1.0).abs() < 1e-12);
+    assert!((diagonal(&turned) / diagonal(&rest) - 1.0).abs() > 0.01);
+    // Of a cube, all of whose triangles count by their area: six faces at half an edge, each with 1/6 in its plane.
+    let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2));
+    let cube: Vec<DVec3> = (0..8).map(corner).collect();
+    let sides = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let faces: Vec<[u32; 3]> = sides.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
+    assert!((size(&cube, &faces) - 4.3 * (0.25_f64 + 1.0 / 6.0).sqrt()).abs() < 1e-12);
+}
