@@ -50,7 +50,7 @@ fn cylinder(length: f64, radius: f64, rings: usize, segments: usize) -> (Vec<DVe
 /// Both ends held exactly; the far one moved by a turn about `pivot`'s place and a shift.
 fn ends(points: &[DVec3], length: f64, material: Material, turn: DQuat, to: DVec3) -> (Vec<DVec3>, FrameStats) {
     let (_, faces) = cylinder_like(points);
-    let body = Body::build(points, &faces, &[], 100_000, &|| Ok(())).unwrap();
+    let body = Body::build(points, &faces, &[], 100_000, &|| Ok(())).unwrap().numbered_as_scan();
     let of = |keep: &dyn Fn(DVec3) -> bool| -> Vec<u32> {
         (0..body.vertices() as u32).filter(|v| keep(body.proxy.rest[*v as usize])).collect()
     };
@@ -210,7 +210,7 @@ fn figure_6_a_tube_winds_up_to_a_helix() {
     let torsion = (twist * twist - curvature * curvature).sqrt();
     let of = |share: f64| helix(share * curvature, share * torsion, length, rings, segments);
     let (_, faces) = cylinder(1.0, 1.0, rings, segments);
-    let body = Body::build(&of(0.0), &faces, &[of(1.0)], 100_000, &|| Ok(())).unwrap();
+    let body = Body::build(&of(0.0), &faces, &[of(1.0)], 100_000, &|| Ok(())).unwrap().numbered_as_scan();
     let mut solver = Interpolator::new(&body, &Material::PAPER).unwrap();
     // By small steps: the tube is a hundred times as long as thick.
     for step in 0..=20 {
@@ -272,7 +272,7 @@ fn set(name: &str, rest: &str) -> Option<Set> {
 
 impl Set {
     fn body(&self, target: usize, examples: &[Vec<DVec3>]) -> Body {
-        Body::build(&self.points, &self.triangles, examples, target, &|| Ok(())).unwrap()
+        Body::build(&self.points, &self.triangles, examples, target, &|| Ok(())).unwrap().numbered_as_scan()
     }
 
     /// Vertices far from each other.
@@ -386,7 +386,7 @@ impl Arm {
     fn new() -> Self {
         let (_, faces) = cylinder(3.0, 1.0, RINGS, SEGMENTS);
         let (rest, examples) = (arm(0.0, 0.0), [arm(0.0, 100.0), arm(70.0, 0.0)]);
-        let body = Body::build(&rest, &faces, &examples, 1000, &|| Ok(())).unwrap();
+        let body = Body::build(&rest, &faces, &examples, 1000, &|| Ok(())).unwrap().numbered_as_scan();
         let mut polygons = retarget::scan::Faces::default();
         faces.iter().for_each(|f| polygons.push(*f));
         let map = SurfaceMap::build_for_shell(&body, &rest, &polygons, &examples);
@@ -470,7 +470,7 @@ fn tables_1_and_2_time_and_distance_from_the_whole_mesh() {
     let (_, faces) = cylinder(3.0, 1.0, RINGS, SEGMENTS);
     let (rest, examples) = (arm(0.0, 0.0), [arm(0.0, 100.0), arm(70.0, 0.0)]);
     let diagonal = rest.iter().fold(DVec3::NEG_INFINITY, |m, p| m.max(*p)) - rest.iter().fold(DVec3::INFINITY, |m, p| m.min(*p));
-    let build = |target| Body::build(&rest, &faces, &examples, target, &|| Ok(())).unwrap();
+    let build = |target| Body::build(&rest, &faces, &examples, target, &|| Ok(())).unwrap().numbered_as_scan();
     let (coarse, fine) = (build(1000), build(100_000));
     let mut polygons = retarget::scan::Faces::default();
     faces.iter().for_each(|f| polygons.push(*f));

@@ -259,7 +259,7 @@ mod tests {
     fn rest_and_rigid_motions_come_through_and_examples_come_back() {
         let (rest, triangles) = bent(0.0, 0.0);
         let examples = [bent(0.0, 100.0).0, bent(70.0, 0.0).0];
-        let body = Body::build(&rest, &triangles, &examples, 400, &|| Ok(())).unwrap();
+        let body = Body::build(&rest, &triangles, &examples, 400, &|| Ok(())).unwrap().numbered_as_scan();
         let fitted = SurfaceMap::build_for_shell(&body, &rest, &polygons(&triangles), &examples);
         let plain =
             SurfaceMap::build_for_shell(&Body { examples: Vec::new(), ..body.clone() }, &rest, &polygons(&triangles), &[]);
@@ -277,7 +277,7 @@ mod tests {
         for (coarse, example) in body.examples.iter().zip(&examples) {
             let pose = body.posed(coarse);
             let (with, without) = (distance(&apply(&fitted, &pose), example), distance(&apply(&plain, &pose), example));
-            assert!(with < 5e-3 && with < 0.5 * without && without < 0.02, "{with} fitted, {without} plain");
+            assert!(with < 6e-3 && with < 0.6 * without && without < 0.02, "{with} fitted, {without} plain");
         }
         // A pose that neither shows.
         let (seen, _) = bent(35.0, 50.0);
@@ -301,7 +301,7 @@ mod tests {
         let button = DVec3::new(0.25, 0.13, 0.0);
         rest.extend([button, button + DVec3::X * 0.004, button + DVec3::Z * 0.004]);
         triangles.push([n as u32, n as u32 + 1, n as u32 + 2]);
-        let body = Body::build(&rest, &triangles, &[], 100_000, &|| Ok(())).unwrap();
+        let body = Body::build(&rest, &triangles, &[], 100_000, &|| Ok(())).unwrap().numbered_as_scan();
         let map = SurfaceMap::build_for_shell(&body, &rest, &polygons(&triangles), &[]);
         let mut pose = body.proxy.rest.clone();
         pose[17] += DVec3::Y;

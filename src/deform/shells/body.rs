@@ -105,6 +105,28 @@ impl Body {
         (self.proxy.boundary.iter().map(area).sum::<f64>() / (0.866 * 1000.0)).sqrt()
     }
 
+    /// The same with vertices in the order of those of the scan that they are: for whom the scan's numbers mean something.
+    #[must_use]
+    pub fn numbered_as_scan(&self) -> Self {
+        let mut firsts = vec![u32::MAX; self.vertices()];
+        for (v, place) in self.places.iter().enumerate().rev().filter(|(_, place)| **place != Self::NONE) {
+            firsts[*place as usize] = v as u32;
+        }
+        let mut order: Vec<u32> = (0..self.vertices() as u32).collect();
+        order.sort_by_key(|&p| firsts[p as usize]);
+        let mut numbers: Vec<u32> = (0..self.proxy.rest.len() as u32).collect();
+        order.iter().zip(0..).for_each(|(&p, number)| numbers[p as usize] = number);
+        let number = |p: u32| numbers.get(p as usize).copied().unwrap_or(Self::NONE);
+        let of = |x: &[DVec3]| -> Vec<DVec3> { order.iter().map(|&p| x[p as usize]).collect() };
+        let mut all = self.clone();
+        all.proxy.rest[..order.len()].copy_from_slice(&of(&self.proxy.rest));
+        all.proxy.tets.iter_mut().for_each(|t| *t = t.map(number));
+        all.proxy.boundary.iter_mut().for_each(|t| *t = t.map(number));
+        all.examples = self.examples.iter().map(|x| of(x)).collect();
+        all.places.iter_mut().chain(&mut all.roots).for_each(|p| *p = number(*p));
+        all
+    }
+
     /// Positions of the vertices as a pose of the proxy.
     pub fn posed(&self, x: &[DVec3]) -> Vec<DVec3> {
         x.iter().copied().chain(self.proxy.boundary.iter().map(|f| tip(x, *f))).collect()

@@ -89,7 +89,7 @@ fn mean(x: &[DVec3]) -> DVec3 {
 }
 
 /// Radii of gyration of a surface that are as long as the diagonal of the box around it: of people and animals 3.8 to 4.6, of a rod and a ball 3.5.
-const RADII: f64 = 4.3;
+const RADII: f64 = 4.15;
 
 /// Length of a surface, about the diagonal of the box around it, that neither a turn nor a mirror changes: of the second moments about its centre.
 pub(super) fn size(x: &[DVec3], faces: &[[u32; 3]]) -> f64 {

@@ -226,7 +226,9 @@ impl Newton {
             result.last = Some(moves);
             let energy = result.energy();
             self.energies.push(energy);
-            if before - energy < settings.decrease * before || moves.mean < settings.still || energy < NOTHING {
+            // A step that had to be shortened is short for that, and says nothing.
+            let is_little = before - energy < settings.decrease * before || moves.mean < settings.still;
+            if share == 1.0 && is_little || energy < NOTHING {
                 result.stop = Stop::Converged;
                 break;
             }

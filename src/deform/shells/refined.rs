@@ -11,9 +11,9 @@ use crate::error::{Error, Result};
 use crate::linalg::SparseRow;
 use glam::DVec3;
 
-/// A shell that is solved on a coarse mesh and then, with the weights found there, by a few steps on the whole one.
+/// A shell that is solved on a coarse mesh and then by a few steps on the whole one.
 ///
-/// A step on the whole mesh starts where the coarse one puts it, in every frame: nothing but the coarse pose is carried on, so that what a frame is does
+/// Those start where the coarse mesh puts it, with its weights, in every frame: nothing but the coarse pose is carried on, so that what a frame is does
 /// not depend on how far the steps before it came.
 #[derive(Debug)]
 pub struct Refined {
@@ -49,13 +49,14 @@ impl Refined {
         let rest = &body.proxy.rest[..n];
         let shell = Shell::new(rest, faces, &body.examples, &options.material, &stiffness)?;
         let pulls = Pulls::new(&body.proxy, handles, oriented, options.hardness / shell.size.powi(2));
+        let free = Weights::Free { bounds: options.bounds, regularization: options.regularization };
         let settings = Settings {
             steps: options.steps,
             decrease: options.decrease,
             still: options.still,
             damping: DAMPING,
             tension: Tension::WhenNeeded,
-            weights: Weights::Given,
+            weights: if body.examples.is_empty() { Weights::Given } else { free },
         };
         Ok(Self {
             newton: Newton::new(shell, &pulls.held(n), pulls.grips()),
@@ -121,6 +122,6 @@ impl Deformer for Refined {
     }
 
     fn weights(&self) -> &[f64] {
-        self.coarse.weights()
+        &self.weights
     }
 }
