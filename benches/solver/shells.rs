@@ -109,9 +109,9 @@ fn walk() {
             arguments.extend(["--threads", "1", "--force", "--report", "r.json", "-o", "out.pc2"].map(String::from));
             arguments.extend(more.iter().map(|s| (*s).to_owned()));
             arguments.extend(examples.iter().cloned());
-            let before = seconds_of_children();
+            let before = seconds_of_children().expect("seconds on cores");
             retarget_ok(work.path(), arguments);
-            let spent = seconds_of_children() - before;
+            let spent = seconds_of_children().expect("seconds on cores") - before;
             let report: Value = serde_json::from_slice(&std::fs::read(work.path().join("r.json")).unwrap()).unwrap();
             let frames = report["frames"].as_array().unwrap();
             steps = frames.iter().map(|f| f["iterations"].as_f64().unwrap()).sum::<f64>() / frames.len() as f64;
