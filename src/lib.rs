@@ -54,6 +54,7 @@ mod cache;
 pub mod capture;
 pub mod cli;
 pub mod deform;
+mod disjoint;
 pub mod error;
 pub mod export;
 #[cfg(any(test, fuzzing))]

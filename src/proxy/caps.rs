@@ -1,6 +1,6 @@
 //! Fans over the holes of a surface, for inside tests and volumes only: they never become geometry.
 
-use super::disjoint::DisjointSets;
+use crate::disjoint::DisjointSets;
 use glam::DVec3;
 
 /// Triangles over the points of the surface and the added centres.

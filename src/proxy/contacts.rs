@@ -3,8 +3,8 @@
 //! Neither air nor the inside test tells such parts apart: there is no air, and where they overlap everything lies inside. The skin does:
 //! the way along it is long, and the two sides face each other (or lie inside each other) all the same.
 
-use super::disjoint::DisjointSets;
 use super::edges::{Edges, double_area};
+use crate::disjoint::DisjointSets;
 use crate::spatial::{Neighbour, PointTree, TriangleTree};
 use glam::DVec3;
 use rayon::prelude::*;

@@ -14,7 +14,6 @@ mod contacts;
 pub(crate) mod corpus;
 mod decimate;
 mod delaunay;
-mod disjoint;
 mod edges;
 #[cfg(test)]
 pub(crate) mod figure;

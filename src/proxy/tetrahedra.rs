@@ -1,6 +1,6 @@
 //! Sides, sizes and connection of tetrahedra.
 
-use super::disjoint::DisjointSets;
+use crate::disjoint::DisjointSets;
 use glam::DVec3;
 
 /// Corners of the face opposite each corner, seen from outside counter-clockwise when the volume is positive.

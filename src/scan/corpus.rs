@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::print_stderr)]
 
 use super::{Image, Scan, fuzz, read};
+use crate::disjoint::DisjointSets;
 use crate::error::Result;
 use crate::space::Unit;
 use std::path::{Path, PathBuf};
@@ -80,25 +81,17 @@ jointed/finger_edu.obj.gz 4012 7996 0 7 0 0 -0.204 0.025 -0.07 0.031 -0.046 0.36
 /// Components over shared vertices, edges of one face, edges of more than two.
 fn topology(scan: &Scan) -> [usize; 3] {
     let faces = &scan.mesh.faces;
-    let mut parents: Vec<u32> = (0..scan.mesh.positions.len() as u32).collect();
-    fn root(parents: &mut [u32], mut v: u32) -> u32 {
-        while parents[v as usize] != v {
-            parents[v as usize] = parents[parents[v as usize] as usize];
-            v = parents[v as usize];
-        }
-        v
-    }
+    let mut sets = DisjointSets::new(scan.mesh.positions.len());
     let mut edges = Vec::new();
     for face in faces.iter() {
         for (k, &a) in face.iter().enumerate() {
             let b = face[(k + 1) % face.len()];
             edges.push((a.min(b), a.max(b)));
-            let (ra, rb) = (root(&mut parents, a), root(&mut parents, b));
-            parents[ra as usize] = rb;
+            sets.unite(a, b);
         }
     }
     edges.sort_unstable();
-    let mut roots: Vec<u32> = faces.corners.iter().map(|&v| root(&mut parents, v)).collect();
+    let mut roots: Vec<u32> = faces.corners.iter().map(|&v| sets.find(v)).collect();
     roots.sort_unstable();
     roots.dedup();
     let with = |test: fn(usize) -> bool| edges.chunk_by(|a, b| a == b).filter(|c| test(c.len())).count();

@@ -1,5 +1,6 @@
 //! Loose pieces of a scan: hair strips, lashes, buttons, debris.
 
+use crate::disjoint::DisjointSets;
 use crate::scan::Faces;
 use glam::DVec3;
 
@@ -11,20 +12,20 @@ const OFF: f64 = 0.005;
 
 /// Vertices of each small piece that lies off the body. Vertices in the same place are connected. `distance`: of a vertex, from the body.
 pub(super) fn loose_pieces(points: &[DVec3], faces: &Faces, distance: impl Fn(usize) -> f64) -> Vec<Vec<u32>> {
-    let mut roots = Roots((0..points.len() as u32).collect());
+    let mut sets = DisjointSets::new(points.len());
     let mut in_face = vec![false; points.len()];
     for face in faces.iter().filter(|f| !f.is_empty()) {
         face.iter().for_each(|&v| {
             in_face[v as usize] = true;
-            roots.join(face[0], v);
+            sets.unite(face[0], v);
         });
     }
     let key = |v: u32| points[v as usize].to_array().map(|x| (x + 0.0).to_bits());
     let mut by_place: Vec<u32> = (0..points.len() as u32).filter(|&v| in_face[v as usize]).collect();
     by_place.sort_unstable_by_key(|&v| (key(v), v));
-    by_place.windows(2).filter(|w| key(w[0]) == key(w[1])).for_each(|w| roots.join(w[0], w[1]));
+    by_place.windows(2).filter(|w| key(w[0]) == key(w[1])).for_each(|w| sets.unite(w[0], w[1]));
 
-    let mut by_root: Vec<(u32, u32)> = by_place.into_iter().map(|v| (roots.root(v), v)).collect();
+    let mut by_root: Vec<(u32, u32)> = by_place.into_iter().map(|v| (sets.find(v), v)).collect();
     by_root.sort_unstable();
     by_root
         .chunk_by(|a, b| a.0 == b.0)
@@ -37,23 +38,4 @@ pub(super) fn loose_pieces(points: &[DVec3], faces: &Faces, distance: impl Fn(us
             (hi - lo).length() < SMALL && off > OFF
         })
         .collect()
-}
-
-/// Disjoint sets; the root of a set is its lowest vertex.
-struct Roots(Vec<u32>);
-
-impl Roots {
-    fn root(&mut self, mut v: u32) -> u32 {
-        while self.0[v as usize] != v {
-            let above = self.0[self.0[v as usize] as usize];
-            self.0[v as usize] = above;
-            v = above;
-        }
-        v
-    }
-
-    fn join(&mut self, a: u32, b: u32) {
-        let (a, b) = (self.root(a), self.root(b));
-        self.0[a.max(b) as usize] = a.min(b);
-    }
 }

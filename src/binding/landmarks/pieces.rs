@@ -1,5 +1,6 @@
 //! Debris of scanning: loose sheets beside the body, such as ghosts and shards of the platform.
 
+use crate::disjoint::DisjointSets;
 use glam::DVec3;
 
 /// A loose piece of less than this share of the surface may be debris.
@@ -14,20 +15,17 @@ const MOST: f64 = 0.10;
 pub(super) fn without_debris(points: &[DVec3], triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
     let sound = |t: &[u32; 3]| t.iter().all(|&v| points.get(v as usize).is_some_and(|p| p.is_finite()));
     let mut kept: Vec<[u32; 3]> = triangles.iter().filter(|t| sound(t)).copied().collect();
-    let mut parent = welded(points);
-    for t in &kept {
-        let [a, b, c] = t.map(|v| root(&mut parent, v));
-        let least = a.min(b).min(c);
-        for v in [a, b, c] {
-            parent[v as usize] = least;
-        }
+    let mut sets = DisjointSets::of(welded(points));
+    for &[a, b, c] in &kept {
+        sets.unite(a, b);
+        sets.unite(a, c);
     }
     let mut area = vec![0.0; points.len()];
     let mut facing = vec![DVec3::ZERO; points.len()];
     for t in &kept {
         let [a, b, c] = t.map(|v| points[v as usize]);
         let normal = (b - a).cross(c - a);
-        let piece = root(&mut parent, t[0]) as usize;
+        let piece = sets.find(t[0]) as usize;
         area[piece] += normal.length();
         facing[piece] += normal;
     }
@@ -35,7 +33,7 @@ pub(super) fn without_debris(points: &[DVec3], triangles: &[[u32; 3]]) -> Vec<[u
     let debris = |piece: usize| area[piece] < SMALL * total && facing[piece].length() > SHEET * area[piece];
     let sheets: f64 = (0..area.len()).filter(|&p| debris(p)).map(|p| area[p]).sum();
     if sheets <= MOST * total {
-        kept.retain(|t| !debris(root(&mut parent, t[0]) as usize));
+        kept.retain(|t| !debris(sets.find(t[0]) as usize));
     }
     kept
 }
@@ -53,14 +51,6 @@ fn welded(points: &[DVec3]) -> Vec<u32> {
         }
     }
     parent
-}
-
-fn root(parent: &mut [u32], mut v: u32) -> u32 {
-    while parent[v as usize] != v {
-        parent[v as usize] = parent[parent[v as usize] as usize];
-        v = parent[v as usize];
-    }
-    v
 }
 
 #[cfg(test)]

@@ -183,7 +183,7 @@ impl Joints {
             passes: solved.steps,
             step: solved.moved,
             error: None,
-            converged: solved.moved < self.options.tolerance,
+            converged: solved.settled(self.options.tolerance),
             recovered,
             energy: solved.energy,
             inverted: 0,

@@ -1,6 +1,7 @@
 //! Parts, cells and joints → variables: cells that move as one share a rigid motion.
 
 use super::cells::Cells;
+use crate::disjoint::DisjointSets;
 use crate::error::{Error, Result};
 use crate::joints::Kind;
 use crate::linalg::SparseRow;
@@ -161,7 +162,8 @@ impl Model {
             .collect();
         let mut first = vec![0];
         cells.iter().for_each(|c| first.push(first[first.len() - 1] + c.corners.len()));
-        let mut sets = Sets((0..first[parts.len()]).collect());
+        let mut sets = DisjointSets::new(first[parts.len()]);
+        let mut join = |a: usize, b: usize| sets.unite(a as u32, b as u32);
         let members = |group: &Group| -> Vec<usize> {
             let own = &cells[group.part];
             let mut inside: Vec<usize> = group.regions.iter().flat_map(|r| own.inside(r.lo, r.hi)).collect();
@@ -172,7 +174,7 @@ impl Model {
         };
         let members: Vec<Vec<usize>> = groups.iter().map(members).collect();
         for group in &members {
-            group.iter().for_each(|&c| sets.join(group[0], c));
+            group.iter().for_each(|&c| join(group[0], c));
         }
         let mut sides = Vec::new();
         for joint in joints {
@@ -189,26 +191,15 @@ impl Model {
                 }
             };
             let (a, b) = (held(joint.a), held(joint.b));
-            a.iter().for_each(|&c| sets.join(a[0], c));
-            b.iter().for_each(|&c| sets.join(b[0], c));
+            a.iter().for_each(|&c| join(a[0], c));
+            b.iter().for_each(|&c| join(b[0], c));
             if joint.kind == Kind::Fixed {
-                sets.join(a[0], b[0]);
+                join(a[0], b[0]);
             }
             sides.push((a[0], b[0]));
         }
-        let mut numbers = vec![u32::MAX; sets.0.len()];
-        let mut count = 0;
-        let variables: Vec<u32> = (0..sets.0.len())
-            .map(|cell| {
-                let root = sets.root(cell);
-                if numbers[root] == u32::MAX {
-                    numbers[root] = count;
-                    count += 1;
-                }
-                numbers[root]
-            })
-            .collect();
-        let mut sums = vec![(DVec3::ZERO, 0.0); count as usize];
+        let (variables, count) = sets.labels();
+        let mut sums = vec![(DVec3::ZERO, 0.0); count];
         for (own, first) in cells.iter().zip(&first) {
             for c in 0..own.corners.len() {
                 let v = variables[first + c] as usize;
@@ -226,14 +217,14 @@ impl Model {
             links.push(Link { kind, a, b, centre, frame, angle, slide, cone });
         }
         // Groups that hang together by joints come apart along their borders, as two ears on one head do from it and from each other.
-        let mut hanging = Sets((0..groups.len()).collect());
+        let mut hanging = DisjointSets::new(groups.len());
         for joint in joints {
             if let (Side::Group(a), Side::Group(b)) = (joint.a, joint.b) {
-                hanging.join(a, b);
+                hanging.unite(a as u32, b as u32);
             }
         }
-        let mut hangs: Vec<Option<usize>> = vec![None; count as usize];
-        let roots: Vec<usize> = (0..groups.len()).map(|g| hanging.root(g)).collect();
+        let mut hangs: Vec<Option<u32>> = vec![None; count];
+        let roots: Vec<u32> = (0..groups.len() as u32).map(|g| hanging.find(g)).collect();
         for (g, cells) in members.iter().enumerate() {
             if roots.iter().filter(|root| **root == roots[g]).count() > 1 {
                 hangs[variables[cells[0]] as usize] = Some(roots[g]);
@@ -374,22 +365,4 @@ fn check(joint: &JointSpec) -> Result<()> {
         return fail("both sides are the same", "two parts");
     }
     Ok(())
-}
-
-/// Disjoint sets; the root of a set is its lowest member.
-struct Sets(Vec<usize>);
-
-impl Sets {
-    fn root(&mut self, mut x: usize) -> usize {
-        while self.0[x] != x {
-            self.0[x] = self.0[self.0[x]];
-            x = self.0[x];
-        }
-        x
-    }
-
-    fn join(&mut self, a: usize, b: usize) {
-        let (a, b) = (self.root(a), self.root(b));
-        self.0[a.max(b)] = a.min(b);
-    }
 }

@@ -48,7 +48,15 @@ pub(super) struct Solved {
     pub(super) steps: u32,
     /// Largest entry of the last step: of a turn matrix, or of a place.
     pub(super) moved: f64,
+    /// Whether the last step let go of a limit or of the ground.
+    pub(super) released: bool,
     pub(super) energy: f64,
+}
+
+impl Solved {
+    pub(super) fn settled(&self, tolerance: f64) -> bool {
+        self.moved < tolerance && !self.released
+    }
 }
 
 impl Solver {
@@ -98,10 +106,10 @@ impl Solver {
             self.assemble(state, targets, presence, before, stay);
             solved.energy = self.system.energy;
             self.system.solve()?;
-            let settled = self.release(state);
+            solved.released = self.release(state);
             solved.moved = self.step(&mut state.pose);
             solved.steps += 1;
-            if solved.moved < tolerance && settled {
+            if solved.settled(tolerance) {
                 break;
             }
         }
@@ -153,14 +161,14 @@ impl Solver {
         }
     }
 
-    /// Lets go of the limits and of the ground where these would have to pull; whether that is nowhere.
+    /// Lets go of the limits and of the ground where these would have to pull; whether there are any.
     fn release(&self, state: &mut State) -> bool {
-        let mut settled = true;
+        let mut released = false;
         for ((link, limits), &angle) in self.model.links.iter().zip(&mut state.limits).zip(&state.angles) {
             if limits.hold() {
                 let at = Coordinates::of(link, &self.model, &state.pose, angle);
                 let ahead = at.ahead(link, &self.model, &state.pose, |v| self.system.step(v));
-                settled &= !limits.release(link, ahead);
+                released |= limits.release(link, ahead);
             }
         }
         if let Some(ground) = &self.model.ground {
@@ -170,10 +178,10 @@ impl Solver {
                     shift * share + turn.cross(state.pose.turns[v] * arm)
                 });
                 *grounded = (state.pose.hold(sole) + moves.sum::<DVec3>()).dot(ground.up) < ground.height;
-                settled &= *grounded;
+                released |= !*grounded;
             }
         }
-        settled
+        released
     }
 
     /// How far the deepest sole is below the ground.

@@ -4,6 +4,7 @@ use super::decimate::decimate;
 use super::geometry::{double_area, volume};
 use super::newton::outwards;
 use super::topology::Topology;
+use crate::disjoint::DisjointSets;
 use crate::error::{Error, Kind, Notes, Result};
 use crate::proxy::Proxy;
 use crate::proxy::canonical::Order;
@@ -181,30 +182,20 @@ pub(super) fn tip(x: &[DVec3], face: [u32; 3]) -> DVec3 {
 
 /// Component of each vertex, numbered from 0 in the order of the triangles.
 fn components(vertices: usize, faces: &[[u32; 3]]) -> Vec<u32> {
-    let mut parents: Vec<u32> = (0..vertices as u32).collect();
-    for face in faces {
-        let [a, b, c] = face.map(|v| root(&mut parents, v));
-        let least = a.min(b).min(c);
-        [a, b, c].iter().for_each(|&r| parents[r as usize] = least);
+    let mut sets = DisjointSets::new(vertices);
+    for &[a, b, c] in faces {
+        sets.unite(a, b);
+        sets.unite(a, c);
     }
     let mut numbers = vec![u32::MAX; vertices];
     let mut next = 0..;
     for face in faces {
-        let r = root(&mut parents, face[0]) as usize;
+        let r = sets.find(face[0]) as usize;
         if numbers[r] == u32::MAX {
             numbers[r] = next.next().unwrap_or_default();
         }
     }
-    (0..vertices as u32).map(|v| numbers[root(&mut parents, v) as usize]).collect()
-}
-
-fn root(parents: &mut [u32], mut v: u32) -> u32 {
-    while parents[v as usize] != v {
-        let above = parents[v as usize];
-        parents[v as usize] = parents[above as usize];
-        v = above;
-    }
-    v
+    (0..vertices as u32).map(|v| numbers[sets.find(v) as usize]).collect()
 }
 
 /// The vertex that stands for each, where several are one in every pose, and the triangles of the body over those.

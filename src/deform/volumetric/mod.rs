@@ -35,6 +35,7 @@ mod recovery;
 pub(crate) mod stored_poses;
 
 use super::{Deformer, ERROR_PER_STEP, FrameStats, Handle, OrientedHandle, Placement, Targets};
+use crate::disjoint::DisjointSets;
 use crate::error::{Error, Result};
 use crate::linalg::lanes::{Lanes, longest};
 use crate::linalg::rotation::{self, Quaternions};
@@ -503,13 +504,12 @@ fn check_components(proxy: &Proxy, elements: &[Element], handles: &[Handle], giv
     if elements.is_empty() {
         return Err(Error::refused("the proxy has no tetrahedra with volume"));
     }
-    let mut parents: Vec<u32> = (0..proxy.rest.len() as u32).collect();
-    let mut used = vec![false; parents.len()];
+    let mut sets = DisjointSets::new(proxy.rest.len());
+    let mut used = vec![false; proxy.rest.len()];
     for e in elements {
         for v in e.corners {
             used[v as usize] = true;
-            let (a, b) = (root(&mut parents, e.corners[0]), root(&mut parents, v));
-            parents[a.max(b) as usize] = a.min(b);
+            sets.unite(e.corners[0], v);
         }
     }
     if let Some(v) = used.iter().position(|used| !used) {
@@ -518,21 +518,21 @@ fn check_components(proxy: &Proxy, elements: &[Element], handles: &[Handle], giv
             proxy.rest[v]
         )));
     }
-    let mut held = vec![false; parents.len()];
+    let mut held = vec![false; proxy.rest.len()];
     for handle in handles {
         for (&v, _) in handle.row.indices.iter().zip(&handle.row.values).filter(|(_, b)| **b != 0.0) {
-            held[root(&mut parents, v) as usize] = true;
+            held[sets.find(v) as usize] = true;
         }
     }
     for &v in given {
-        held[root(&mut parents, v) as usize] = true;
+        held[sets.find(v) as usize] = true;
     }
-    let roots: Vec<u32> = (0..parents.len() as u32).filter(|&v| root(&mut parents, v) == v).collect();
+    let roots: Vec<u32> = (0..proxy.rest.len() as u32).filter(|&v| sets.find(v) == v).collect();
     let Some(number) = roots.iter().position(|&v| !held[v as usize]) else { return Ok(()) };
     let free = roots[number];
-    let members: Vec<usize> = (0..parents.len()).filter(|&v| root(&mut parents, v as u32) == free).collect();
+    let members: Vec<usize> = (0..proxy.rest.len()).filter(|&v| sets.find(v as u32) == free).collect();
     let centre = members.iter().map(|&v| proxy.rest[v]).sum::<DVec3>() / members.len() as f64;
-    let count = elements.iter().filter(|e| root(&mut parents, e.corners[0]) == free).count();
+    let count = elements.iter().filter(|e| sets.find(e.corners[0]) == free).count();
     Err(Error::refused(format!(
         "no handle holds component {} of {} of the proxy: {count} tetrahedra around {centre:.3} in the unit box",
         number + 1,
@@ -540,13 +540,4 @@ fn check_components(proxy: &Proxy, elements: &[Element], handles: &[Handle], giv
     ))
     .expected("at least one handle on every component")
     .hint("a marker on it, or a scan without the loose part"))
-}
-
-fn root(parents: &mut [u32], mut v: u32) -> u32 {
-    while parents[v as usize] != v {
-        let above = parents[v as usize];
-        parents[v as usize] = parents[above as usize];
-        v = above;
-    }
-    v
 }

@@ -1,5 +1,6 @@
 //! Faces → triangles over glTF vertices, which have one texture coordinate and one normal each.
 
+use crate::disjoint::DisjointSets;
 use crate::scan::{NONE, Scan, Triangles};
 use crate::surface::NormalVertices;
 use std::ops::Range;
@@ -108,33 +109,18 @@ impl Geometry {
 
     /// Pieces of the surface that do not touch each other, the largest first, as places among [`Self::scan_vertices`].
     pub(crate) fn pieces(&self, vertices: &[u32], places: &[u32]) -> Vec<Vec<u32>> {
-        let mut parent: Vec<u32> = (0..vertices.len() as u32).collect();
-        fn root(parent: &mut [u32], mut v: u32) -> u32 {
-            while parent[v as usize] != v {
-                parent[v as usize] = parent[parent[v as usize] as usize];
-                v = parent[v as usize];
-            }
-            v
-        }
+        let mut sets = DisjointSets::new(vertices.len());
         for primitive in &self.primitives {
             for triangle in self.indices[primitive.indices.clone()].chunks_exact(3) {
                 let place = |k: usize| places[self.vertices[primitive.vertices.start + triangle[k] as usize] as usize];
                 for k in 1..3 {
-                    let (a, b) = (root(&mut parent, place(0)), root(&mut parent, place(k)));
-                    parent[a.max(b) as usize] = a.min(b);
+                    sets.unite(place(0), place(k));
                 }
             }
         }
-        let mut pieces: Vec<Vec<u32>> = Vec::new();
-        let mut of_root = vec![NONE; vertices.len()];
-        for v in 0..vertices.len() as u32 {
-            let root = root(&mut parent, v) as usize;
-            if of_root[root] == NONE {
-                of_root[root] = pieces.len() as u32;
-                pieces.push(Vec::new());
-            }
-            pieces[of_root[root] as usize].push(v);
-        }
+        let (labels, count) = sets.labels();
+        let mut pieces: Vec<Vec<u32>> = vec![Vec::new(); count];
+        (0..).zip(labels).for_each(|(v, label)| pieces[label as usize].push(v));
         pieces.sort_by_key(|piece| std::cmp::Reverse(piece.len()));
         pieces
     }

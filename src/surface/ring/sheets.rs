@@ -4,6 +4,7 @@
 //! another part; they are led back from their rims.
 
 use super::weights::{Foot, Walk, fan_neighbours};
+use crate::disjoint::DisjointSets;
 use crate::proxy::Proxy;
 use crate::scan::Faces;
 use crate::spatial::TriangleTree;
@@ -109,17 +110,9 @@ fn places(points: &[DVec3]) -> Vec<u32> {
 
 /// The lowest member of the set of each element, when edges join their ends.
 fn sets<'a>(count: usize, edges: impl Iterator<Item = &'a [u32; 2]>) -> Vec<u32> {
-    let mut parents: Vec<u32> = (0..count as u32).collect();
-    fn root(parents: &mut [u32], mut v: u32) -> u32 {
-        while parents[v as usize] != v {
-            parents[v as usize] = parents[parents[v as usize] as usize];
-            v = parents[v as usize];
-        }
-        v
-    }
+    let mut sets = DisjointSets::new(count);
     for &[a, b] in edges {
-        let (a, b) = (root(&mut parents, a), root(&mut parents, b));
-        parents[a.max(b) as usize] = a.min(b);
+        sets.unite(a, b);
     }
-    (0..count as u32).map(|v| root(&mut parents, v)).collect()
+    (0..count as u32).map(|v| sets.find(v)).collect()
 }
