@@ -151,7 +151,7 @@ fn rig_files_of_the_pages_are_rig_files_and_every_key_is_on_the_page() {
     let sections = expected("no_such_key = 1");
     assert!(sections.iter().any(|s| s == "space") && sections.len() > 8, "{sections:?}");
     let mut known: BTreeSet<String> = sections.iter().cloned().collect();
-    for section in ["space", "reference", "mesh", "solver"] {
+    for section in ["space", "reference", "mesh", "solver", "solver.shell"] {
         known.extend(expected(&format!("[{section}]\nno_such_key = 1")));
     }
     for (section, first) in [("group", "what = \"head\""), ("component", "name = \"a\""), ("joint", "name = \"a\"")] {
