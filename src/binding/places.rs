@@ -11,6 +11,9 @@ const ANKLE_HEIGHT: f64 = 0.025;
 const SKULL: f64 = 0.9;
 /// Two sheets of skin farther apart than this, in statures, are not one part of the body (an arm beside the trunk).
 const SHEET_GAP: f64 = 0.03;
+/// Skin of a leg is found up to this share of the way to where the other leg begins, since no two are quite alike; without any, a place lies at that share.
+const TOUCHING: f64 = 1.1;
+const WITHIN: f64 = 0.7;
 
 /// The point where the place's ray from the segment axis leaves the scan, in the unit box.
 pub(crate) fn on_skin(place: &Place, body: &Skeleton, tree: &TriangleTree) -> DVec3 {
@@ -49,11 +52,26 @@ pub(crate) fn on_skin(place: &Place, body: &Skeleton, tree: &TriangleTree) -> DV
         }
     };
     let direction = direction.normalize_or(body.up);
-    from + direction * leave(tree, from, direction, reach * height, SHEET_GAP * height)
+    let border = match place.part {
+        Part::Thigh | Part::Shank => {
+            let other = body.bone(place.segment().opposite());
+            half_way(other.origin.lerp(other.end, place.t) - from, direction)
+        }
+        _ => f64::INFINITY,
+    };
+    from + direction * leave(tree, from, direction, reach * height, SHEET_GAP * height, border)
 }
 
-/// Distance at which a ray leaves the part of the body that its origin lies in; of stacked sheets (lips, clothes) the outermost.
-fn leave(tree: &TriangleTree, from: DVec3, direction: DVec3, reach: f64, gap: f64) -> f64 {
+/// How far in a direction what is `away` is as near as where one comes from.
+fn half_way(away: DVec3, direction: DVec3) -> f64 {
+    let along = away.dot(direction);
+    if along > 0.0 { 0.5 * away.length_squared() / along } else { f64::INFINITY }
+}
+
+/// Distance at which a ray leaves the part of the body that its origin lies in; of stacked sheets (lips, clothes) the outermost. `border`: where what is
+/// beside begins, as when thighs have melted into each other.
+fn leave(tree: &TriangleTree, from: DVec3, direction: DVec3, reach: f64, gap: f64, border: f64) -> f64 {
+    let reach = reach.min(TOUCHING * border);
     let mut last = None;
     for hit in tree.hits(from, direction) {
         if hit.distance > reach || last.is_some_and(|d| hit.distance - d > gap) {
@@ -61,5 +79,25 @@ fn leave(tree: &TriangleTree, from: DVec3, direction: DVec3, reach: f64, gap: f6
         }
         last = Some(hit.distance);
     }
-    last.unwrap_or_else(|| tree.closest(from).map_or(reach, |c| c.distance.min(reach)))
+    last.unwrap_or_else(|| tree.closest(from).map_or(reach, |c| c.distance.min(reach)).min(WITHIN * border))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ray_ends_where_the_other_leg_begins() {
+        let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) * 2.0 - DVec3::ONE;
+        let points: Vec<DVec3> = (0..8).map(corner).collect();
+        let sides = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        let faces: Vec<[u32; 3]> = sides.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
+        let tree = TriangleTree::new(&points, &faces);
+        let end = |border: f64| leave(&tree, DVec3::new(0.0, 0.1, 0.2), DVec3::X, 5.0, 0.1, border);
+        assert_eq!([f64::INFINITY, 0.95].map(end), [1.0; 2]);
+        // What is hit behind it is the other leg's.
+        assert_eq!(end(0.5), 0.5 * WITHIN);
+        assert_eq!(half_way(DVec3::new(2.0, 0.0, 0.0), DVec3::X), 1.0);
+        assert_eq!(half_way(DVec3::new(-2.0, 1.0, 0.0), DVec3::X), f64::INFINITY);
+    }
 }
