@@ -302,6 +302,15 @@ fn a_saved_rig_file_keeps_how_the_shell_is_solved() {
         assert!(run(&["--rig", "arm.toml"]) == first, "{options:?}");
         assert!(run(&["--rig", "arm.toml", "--shell-weights", "100,1,1000", "--weight-range", "box"]) != first);
     }
+    // Where nothing is solved by a shell, or has no examples, the section waits.
+    let section = "[solver.shell]\nthickness = 2.5\nweight_range = \"convex\"\nlearn_stiffness = true\n";
+    std::fs::write(folder.path().join("arm.toml"), section).unwrap();
+    for more in [&[][..], &["--method", "shells"]] {
+        let fixed = ["arm.obj", "take.csv", "--force", "-o", "out.pc2", "--rig", "arm.toml", "--save-rig", "again.toml"];
+        retarget_ok(folder.path(), fixed.iter().chain(more));
+        let again = std::fs::read_to_string(folder.path().join("again.toml")).unwrap();
+        assert!(again.contains(section), "{more:?}: {again}");
+    }
     std::fs::write(folder.path().join("arm.toml"), "[solver.shell]\nthickness = 2\npaper = true\n").unwrap();
     let output = retarget(folder.path(), ["arm.obj", "take.csv", "--rig", "arm.toml", "-o", "none.pc2"]);
     let said = String::from_utf8(output.stderr).unwrap();

@@ -11,8 +11,9 @@ const ANKLE_HEIGHT: f64 = 0.025;
 const SKULL: f64 = 0.9;
 /// Two sheets of skin farther apart than this, in statures, are not one part of the body (an arm beside the trunk).
 const SHEET_GAP: f64 = 0.03;
-/// Skin of a leg is found up to this share of the way to where the other leg begins, since no two are quite alike; without any, a place lies at that share.
+/// Skin up to this share of the way to where the other leg begins is a leg's own: no two legs are quite alike.
 const TOUCHING: f64 = 1.1;
+/// Where skin of its own is missing, a place of a leg is at most this share of that way off the bone.
 const WITHIN: f64 = 0.7;
 
 /// The point where the place's ray from the segment axis leaves the scan, in the unit box.

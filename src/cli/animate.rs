@@ -32,7 +32,7 @@ pub(super) fn run(args: &Animate, console: &Console, cancel: Cancel) -> Result<F
     let start = Instant::now();
     let mut merged = args.clone();
     if let Some(path) = &args.rig {
-        merged.shells.take_from(&RigFile::read(path)?.solver.shell);
+        merged.shells.take_from(&RigFile::read(path)?.solver.shell)?;
     }
     let args = &merged;
     let threads = args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);

@@ -146,7 +146,7 @@ impl Rig {
             notes.warn("the rig file holds no decisions: what lies in the scan already has none to keep");
         }
         let mut rig = RigFile { frozen, ..self.file.clone() };
-        rig.solver.shell = args.shells.section();
+        rig.solver.shell = args.shells.section(&self.file.solver.shell)?;
         // Beside another file a relative path leads elsewhere.
         if self.path.parent() != path.parent()
             && let Some(trial) = self.trial()

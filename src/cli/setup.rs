@@ -176,7 +176,9 @@ impl Setup {
         warn(console, &mut warnings, &notes);
         let mut fitted = coarse;
         if let Some(whole) = whole {
-            deformer = refined(args, &fitted, &whole, &map, capture.rate)?;
+            if let Some(body) = &whole.shell {
+                deformer = refined(args, deformer, body, &whole, &map, capture.rate)?;
+            }
             map = map_of_body(&whole)?;
             fitted = whole;
         }
@@ -314,17 +316,23 @@ fn shell_options(args: &Animate, body: &Body, regions: &Regions, rate: f64) -> S
     options
 }
 
-/// The deformer of the whole mesh, after the coarse one; `map`: from that to the scan.
-fn refined(args: &Animate, coarse: &Fitted, whole: &Fitted, map: &SurfaceMap, rate: f64) -> Result<Box<dyn Deformer>> {
-    let (Some(body), Some(all)) = (&coarse.shell, &whole.shell) else { unreachable!("only shells are refined") };
-    let first = Shells::new(body, &coarse.handles, &coarse.oriented, &shell_options(args, body, &coarse.regions, rate))?;
+/// The deformer of the whole mesh, after that of the coarse one; `map`: from the coarse mesh to the scan.
+fn refined(
+    args: &Animate,
+    coarse: Box<dyn Deformer>,
+    body: &Body,
+    whole: &Fitted,
+    map: &SurfaceMap,
+    rate: f64,
+) -> Result<Box<dyn Deformer>> {
+    let Fitted { handles, oriented, regions, .. } = whole;
     let steps = args.refine.unwrap_or_default();
-    let options = ShellOptions { steps, ..shell_options(args, all, &whole.regions, rate) };
-    let mut rows = vec![SparseRow::default(); all.vertices()];
-    for (v, place) in all.places.iter().enumerate().filter(|(_, place)| **place != Body::NONE) {
+    let options = ShellOptions { steps, ..shell_options(args, body, regions, rate) };
+    let mut rows = vec![SparseRow::default(); body.vertices()];
+    for (v, place) in body.places.iter().enumerate().filter(|(_, place)| **place != Body::NONE) {
         rows[*place as usize] = map.row(v);
     }
-    Ok(Box::new(Refined::new(first, rows, all, &whole.handles, &whole.oriented, &options)?))
+    Ok(Box::new(Refined::new(coarse, rows, body, handles, oriented, &options)?))
 }
 
 #[allow(clippy::too_many_arguments)]

@@ -154,8 +154,14 @@ impl ShellArgs {
         Ok(())
     }
 
-    /// Takes over what a rig file says and the command line does not.
-    pub(super) fn take_from(&mut self, section: &ShellSection) {
+    /// Takes over what a rig file says and the command line does not, as far as this run has use for it.
+    ///
+    /// # Errors
+    /// [`Kind::Usage`], as [`Self::are_chosen`].
+    pub(super) fn take_from(&mut self, section: &ShellSection) -> Result<()> {
+        if !self.are_chosen()? {
+            return Ok(());
+        }
         let material = &mut self.material;
         if material.thickness.is_none() && material.shell_weights.is_none() {
             material.thickness = section.thickness;
@@ -164,30 +170,42 @@ impl ShellArgs {
                 None => section.paper.then_some(ShellWeights::Paper),
             };
         }
-        material.learn_stiffness |= section.learn_stiffness;
-        self.weight_range = self.weight_range.or(section.weight_range.map(|range| match range {
-            Range::Free => WeightRange::Free,
-            Range::Box => WeightRange::Box,
-            Range::Convex => WeightRange::Convex,
-        }));
+        if !self.examples.is_empty() {
+            material.learn_stiffness |= section.learn_stiffness;
+            self.weight_range = self.weight_range.or(section.weight_range.map(|range| match range {
+                Range::Free => WeightRange::Free,
+                Range::Box => WeightRange::Box,
+                Range::Convex => WeightRange::Convex,
+            }));
+        }
+        Ok(())
     }
 
-    /// What a rig file is to say of it.
-    pub(super) fn section(&self) -> ShellSection {
-        ShellSection {
+    /// What a rig file is to say of it; what this run has no use for stays as it was in `file`.
+    ///
+    /// # Errors
+    /// [`Kind::Usage`], as [`Self::are_chosen`].
+    pub(super) fn section(&self, file: &ShellSection) -> Result<ShellSection> {
+        if !self.are_chosen()? {
+            return Ok(file.clone());
+        }
+        let learns = !self.examples.is_empty();
+        Ok(ShellSection {
             weights: match self.material.shell_weights {
                 Some(ShellWeights::Given(weights)) => Some(weights),
                 _ => None,
             },
             paper: self.material.shell_weights == Some(ShellWeights::Paper),
             thickness: self.material.thickness,
-            weight_range: self.weight_range.map(|range| match range {
-                WeightRange::Free => Range::Free,
-                WeightRange::Box => Range::Box,
-                WeightRange::Convex => Range::Convex,
-            }),
-            learn_stiffness: self.material.learn_stiffness,
-        }
+            weight_range: match self.weight_range {
+                _ if !learns => file.weight_range,
+                None => None,
+                Some(WeightRange::Free) => Some(Range::Free),
+                Some(WeightRange::Box) => Some(Range::Box),
+                Some(WeightRange::Convex) => Some(Range::Convex),
+            },
+            learn_stiffness: if learns { self.material.learn_stiffness } else { file.learn_stiffness },
+        })
     }
 
     /// `-0.2 to 1.2`.

@@ -103,6 +103,19 @@ impl Options {
         self.decrease <= 0.0 && self.still <= 0.0
     }
 
+    /// How energies are minimized, with so many examples.
+    fn settings(&self, examples: usize) -> Settings {
+        let free = Weights::Free { bounds: self.bounds, regularization: self.regularization };
+        Settings {
+            steps: self.steps,
+            decrease: self.decrease,
+            still: self.still,
+            damping: DAMPING,
+            tension: Tension::WhenNeeded,
+            weights: if examples > 0 { free } else { Weights::Given },
+        }
+    }
+
     /// Stiffness of each triangle with that of the rigid groups; empty: 1.
     fn stiffness(&self, faces: usize) -> Result<Vec<f64>> {
         let mut stiffness = self.stiffness.clone();
@@ -173,22 +186,13 @@ impl Shells {
         check_components(body, &pulls)?;
         let weights = vec![0.0; shell.examples.len()];
         let newton = Newton::new(shell, &pulls.held(n), pulls.grips());
-        let free = Weights::Free { bounds: options.bounds, regularization: options.regularization };
-        let settings = Settings {
-            steps: options.steps,
-            decrease: options.decrease,
-            still: options.still,
-            damping: DAMPING,
-            tension: Tension::WhenNeeded,
-            weights: if weights.is_empty() { Weights::Given } else { free },
-        };
         Ok(Self {
             newton,
             starts: Starts::new(body, &pulls),
             unfold: Unfold::new(body, pulls.held(n)),
             kept: (body.proxy.rest[..n].to_vec(), weights.clone()),
             pulls,
-            settings,
+            settings: options.settings(weights.len()),
             x: body.proxy.rest[..n].to_vec(),
             weights,
             pose: body.proxy.rest.clone(),

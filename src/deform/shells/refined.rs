@@ -1,11 +1,11 @@
 //! Steps on the whole mesh after the coarse one is solved (Fröhlich & Botsch 2011, §7, without an end at the coarse mesh).
 
+use super::Options;
 use super::body::{Body, tip};
 use super::geometry::volume;
-use super::newton::{Newton, Settings, Tension, Weights};
+use super::newton::{Newton, Settings};
 use super::pulls::Pulls;
 use super::shell::Shell;
-use super::{DAMPING, Options, Shells};
 use crate::deform::{Deformer, FrameStats, Handle, OrientedHandle, Placement, Targets};
 use crate::error::{Error, Result};
 use crate::linalg::SparseRow;
@@ -15,9 +15,8 @@ use glam::DVec3;
 ///
 /// Those start where the coarse mesh puts it, with its weights, in every frame: nothing but the coarse pose is carried on, so that what a frame is does
 /// not depend on how far the steps before it came.
-#[derive(Debug)]
 pub struct Refined {
-    coarse: Shells,
+    coarse: Box<dyn Deformer>,
     /// From the coarse proxy to each vertex of the whole mesh.
     rows: Vec<SparseRow>,
     newton: Newton,
@@ -29,13 +28,13 @@ pub struct Refined {
 }
 
 impl Refined {
-    /// `rows`: from the coarse proxy to each vertex of the whole mesh; `body`: the whole mesh, over whose proxy the handles are, in the order of those of the coarse one;
-    /// `options`: as those of the coarse mesh, with stiffness and rigid parts by triangles of the whole one, and `steps` on it.
+    /// `coarse`: the deformer of the coarse mesh; `rows`: from its proxy to each vertex of the whole mesh; `body`: the whole mesh, over whose proxy the
+    /// handles are, in the order of those of the coarse one; `options`: as those of the coarse mesh, with stiffness and rigid parts by triangles of the whole one, and `steps` on it.
     ///
     /// # Errors
-    /// Those of [`Shells::new`].
+    /// Those of [`Shells::new`](super::Shells::new).
     pub fn new(
-        coarse: Shells,
+        coarse: Box<dyn Deformer>,
         rows: Vec<SparseRow>,
         body: &Body,
         handles: &[Handle],
@@ -49,22 +48,13 @@ impl Refined {
         let rest = &body.proxy.rest[..n];
         let shell = Shell::new(rest, faces, &body.examples, &options.material, &stiffness)?;
         let pulls = Pulls::new(&body.proxy, handles, oriented, options.hardness / shell.size.powi(2));
-        let free = Weights::Free { bounds: options.bounds, regularization: options.regularization };
-        let settings = Settings {
-            steps: options.steps,
-            decrease: options.decrease,
-            still: options.still,
-            damping: DAMPING,
-            tension: Tension::WhenNeeded,
-            weights: if body.examples.is_empty() { Weights::Given } else { free },
-        };
         Ok(Self {
             newton: Newton::new(shell, &pulls.held(n), pulls.grips()),
             weights: vec![0.0; body.examples.len()],
             coarse,
             rows,
             pulls,
-            settings,
+            settings: options.settings(body.examples.len()),
             x: rest.to_vec(),
             pose: body.proxy.rest.clone(),
         })
