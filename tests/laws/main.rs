@@ -146,21 +146,21 @@ fn a_still_tail_changes_nothing_in_either_direction_of_time() {
     let mut still = Tally::new("a still tail leaves the pose", CREEP);
     let mut reversed = Tally::new("a tail that sways back to its beginning, reversed in time, ends in the same pose", SOLVED);
     for (maker, case, take) in EXACT.into_iter().flat_map(with_all) {
-        // Thin parts that hang by four handles each turn about these, and come to a minimum over saddles at which steps are as small as at its foot.
-        if maker.stuff == Stuff::Shell && case.shape.name == "parts" {
-            continue;
-        }
         let mut deformer = case.play(maker, take, FRAMES, |_| ());
-        // One frame in which the velocity of the take dies away.
-        deformer.step(&case.at(take, 1.0)).unwrap();
+        // One frame in which the velocity of the take dies away. Creases are held back in it still; only those of the thin parts give way by more than
+        // the bound in the frame after.
+        let dying = if maker.stuff == Stuff::Shell && case.shape.name == "parts" { 2 } else { 1 };
+        for _ in 0..dying {
+            deformer.step(&case.at(take, 1.0)).unwrap();
+        }
         let before = deformer.pose().to_vec();
         for _ in 0..4 {
             deformer.step(&case.at(take, 1.0)).unwrap();
         }
         still.note(case, Some(take), maker.name, distance(deformer.pose(), &before));
 
-        // A thin shell has several minima; on these two the way decides among them.
-        if maker.stuff == Stuff::Shell && matches!(case.shape.name, "blade" | "cow") {
+        // A thin shell has several minima; on these the way decides among them.
+        if maker.stuff == Stuff::Shell && matches!(case.shape.name, "blade" | "cow" | "parts") {
             continue;
         }
         let sway = [1.0, 0.99, 0.97, 0.98, 0.985, 1.0, 1.0];
