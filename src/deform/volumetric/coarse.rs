@@ -5,7 +5,7 @@
 //! of C holds the loads `b_cv = Σ w_j R_j grad_jv` by which a turn of cluster c pulls at vertex v, and `S = D − Cᵀ A⁻¹ C`. The couplings
 //! `m_cd = Σ_v b_cv (A⁻¹ b_d)_vᵀ` are computed once at rest and only turned with the clusters afterwards. It changes no fixed point.
 
-use super::elements::{Blocks, Element};
+use super::elements::{Blocks, Element, RIGID};
 use super::handles::SoftHandles;
 use crate::linalg::lanes::{Lanes, for_each_instruction_set};
 use crate::linalg::rotation::{self, Quaternions};
@@ -34,6 +34,8 @@ pub(super) struct Coarse {
     given: Vec<u32>,
     /// Sum of the weights of each cluster.
     weights: Vec<f64>,
+    /// The part of it that stiffens the diagonal: of a rigid group that of its tetrahedra if they were free. Its turn is exact, and as stiff as its joint.
+    slack: Vec<f64>,
     /// `m_cd` at rest with every handle at its full weight, `c ≥ d`, at `c · count + d`.
     rest_couplings: Vec<DMat3>,
     /// The same with the present weights.
@@ -68,10 +70,11 @@ impl Coarse {
             cluster.resize(cluster.len() + part.len(), count as u32);
             count += 1;
         }
-        let mut weights = vec![0.0; count];
+        let (mut weights, mut slack) = (vec![0.0; count], vec![0.0; count]);
         let mut pairs: Vec<(u32, u32)> = Vec::new();
         for (element, &c) in elements.iter().zip(&cluster) {
             weights[c as usize] += element.weight;
+            slack[c as usize] += if element.group.is_some() { element.weight / RIGID } else { element.weight };
             pairs.extend(element.corners.iter().map(|&v| (v, c)));
         }
         pairs.sort_unstable();
@@ -112,6 +115,7 @@ impl Coarse {
             clusters,
             starts,
             weights,
+            slack,
         };
         coarse.couple(blocks, handles, factor);
         coarse
@@ -216,7 +220,7 @@ impl Coarse {
             for c in d..self.count {
                 let m = self.turns[c] * self.couplings[c * self.count + d] * back;
                 let trace = m.x_axis.x + m.y_axis.y + m.z_axis.z;
-                let diagonal = if c == d { 2.0 * self.weights[c] * (1.0 + shift) - trace } else { -trace };
+                let diagonal = if c == d { 2.0 * (self.weights[c] + shift * self.slack[c]) - trace } else { -trace };
                 for k in 0..3 {
                     for i in 0..3 {
                         // S takes the transpose of m: m[k][i] is row k, column i.

@@ -47,7 +47,7 @@ const SLENDER: f64 = 3.0;
 const FLAT: f64 = 1e-7;
 
 /// How many times as stiff the tetrahedra of a rigid group are: a shared rotation alone leaves half of their deformation.
-const RIGID: f64 = 100.0;
+pub(super) const RIGID: f64 = 100.0;
 
 /// Rigid group of each tetrahedron.
 fn groups(proxy: &Proxy, rigid: &[Vec<u32>]) -> Result<Vec<Option<u32>>> {
