@@ -359,6 +359,11 @@ impl Human<'_> {
         {
             notes.warn("no upper-body markers: the upper body moves with the pelvis");
         }
+        if !self.take.names.iter().any(|(_, p)| p.segment().is_leg()) {
+            notes.warn(
+                "no markers on the legs: they hang from the pelvis as they do in the scan, whether the actor stands or sits",
+            );
+        }
         let (mut binding, kept) = self.attach(posed, still.is_some(), &actor, &fit, align, held, factor, notes)?;
         let diagonal = self.scan.unit_box.diagonal;
         let d = &mut binding.decisions;

@@ -141,6 +141,7 @@ impl Retargeting<'_> {
             .collect();
         let lift = body.up * (floor - actor::quantile(&mut lowest, ON_FLOOR).unwrap_or(floor));
         let mut planter = self.feet.map(|rate| Planter::new(body, floor, rate));
+        let seen_legs = LEGS.map(|leg| held.iter().any(|held| leg.contains(&held.segment)));
         let mut points = Vec::with_capacity(poses.len() * (handles.len() + joints.len()));
         for (frame, pose) in poses.iter().enumerate() {
             let pose = &pose.pose();
@@ -149,7 +150,7 @@ impl Retargeting<'_> {
             on_scan.root += lift;
             let mut scan_origins = scan.origins(&on_scan);
             if let Some(planter) = &mut planter {
-                (0..2).for_each(|side| hold(planter, side, &mut on_scan, &mut scan_origins));
+                (0..2).filter(|&side| seen_legs[side]).for_each(|side| hold(planter, side, &mut on_scan, &mut scan_origins));
             }
             for (held, handle) in held.iter().zip(handles) {
                 let s = held.segment as usize;
@@ -177,15 +178,12 @@ impl Retargeting<'_> {
 }
 
 const FEET: [Segment; 2] = [Segment::LeftFoot, Segment::RightFoot];
+const LEGS: [[Segment; 3]; 2] =
+    [[Segment::LeftThigh, Segment::LeftShank, Segment::LeftFoot], [Segment::RightThigh, Segment::RightShank, Segment::RightFoot]];
 
 /// Holds a foot of the scan while it rests on the floor.
 fn hold(planter: &mut Planter, side: usize, pose: &mut Pose, origins: &mut [DVec3; Segment::COUNT]) {
-    let [thigh, shank, foot] = if side == 0 {
-        [Segment::LeftThigh, Segment::LeftShank, Segment::LeftFoot]
-    } else {
-        [Segment::RightThigh, Segment::RightShank, Segment::RightFoot]
-    }
-    .map(|s| s as usize);
+    let [thigh, shank, foot] = LEGS[side].map(|s| s as usize);
     let mut leg = Leg {
         hip: origins[thigh],
         knee: origins[shank],

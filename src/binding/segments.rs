@@ -139,6 +139,11 @@ impl Segment {
     pub fn is_arm(self) -> bool {
         (Segment::LeftUpperArm..=Segment::RightHand).contains(&self)
     }
+
+    /// Whether it belongs to a leg.
+    pub fn is_leg(self) -> bool {
+        (Segment::LeftThigh..=Segment::RightFoot).contains(&self)
+    }
 }
 
 /// A segment in the scan's rest pose.

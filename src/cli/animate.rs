@@ -158,7 +158,7 @@ impl Setup {
         let inputs = json!({
             "scan": name(&args.scan),
             "capture": name(&args.capture),
-            "reference": args.ref_file.as_deref().map(name),
+            "reference": self.reference.as_deref().map(name),
             "handles": args.handles.as_deref().map(name),
             "proxy": args.proxy.as_deref().map(name),
             "rig": args.rig.as_deref().map(name),
@@ -166,7 +166,7 @@ impl Setup {
         let laps: serde_json::Map<String, Value> =
             self.clock.laps.iter().map(|(name, ms)| (name.replace(' ', "_"), json!((ms * 10.0).round() / 10.0))).collect();
         let decisions = json!({
-            "scan": { "vertices": self.scan.mesh.positions.len(), "faces": self.scan.mesh.faces.len(), "diagonal": self.unit_box.diagonal },
+            "scan": { "vertices": self.scan.mesh.positions.len(), "faces": self.faces_read, "diagonal": self.unit_box.diagonal },
             "capture": { "name": self.capture.name, "rate": self.capture.rate, "first_frame": self.capture.first_frame, "summary": self.capture.summary(), "repairs": self.repairs },
             "parts": self.regions.counts.iter().map(|(what, stiffness, tets)| json!({ "what": what, "stiffness": stiffness, "tetrahedra": tets })).collect::<Vec<_>>(),
             "binding": binding_json(&self.binding, self.unit_box),

@@ -115,8 +115,10 @@ pub(super) fn set_up(args: &Animate, console: &Console, cancel: &Cancel, start: 
     clock.lap("parts, joints and map");
     cancel.check()?;
     Ok(Setup {
+        faces_read: scan.mesh.faces.len(),
         scan: Arc::new(scan),
         capture,
+        reference: None,
         range,
         unit_box,
         binding,

@@ -33,13 +33,18 @@ use crate::words;
 use glam::DVec3;
 use serde_json::Value;
 use std::ops::Range;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
 /// Everything that is decided and computed before the first frame.
 pub(super) struct Setup {
     pub(super) scan: Arc<Scan>,
+    /// Faces of the scan as it was read: floors are left out, and limbs that have grown together are cut.
+    pub(super) faces_read: usize,
     pub(super) capture: Capture,
+    /// The file of the static trial, by the command line or by the rig file.
+    pub(super) reference: Option<PathBuf>,
     /// Frames to write, counted from 0.
     pub(super) range: Range<usize>,
     pub(super) unit_box: UnitBox,
@@ -96,6 +101,7 @@ impl Setup {
             }
             bound => bound?,
         };
+        let (line_of_scan, faces_read) = (scan_line(args, &scan, &binding), scan.mesh.faces.len());
         let recut = found.and_then(|found| grown::recut(args, &scan, unit_box, &points, &found, &mut binding.notes));
         let (scan, triangles, built, mut apart) = match recut {
             Some(Recut { scan, shift }) => {
@@ -116,7 +122,7 @@ impl Setup {
             None => (scan, triangles, built, None),
         };
         let (mut capture, reference) = (captures.capture, captures.reference);
-        console.station("scan", &scan_line(args, &scan, &binding));
+        console.station("scan", &line_of_scan);
         console.station("capture", &capture_line(args, &capture, &binding));
         console.station("bind", &bind_line(args, &binding));
         warn(console, &mut warnings, &scan.notes);
@@ -199,6 +205,8 @@ impl Setup {
         cancel.check()?;
         Ok(Self {
             scan: Arc::new(scan),
+            faces_read,
+            reference: reference.map(|reference| reference.source),
             capture,
             range,
             unit_box,

@@ -52,7 +52,7 @@ impl Volumetric {
         self.oriented.put_given(&mut self.p);
         self.evaluate(Place::Current, 2);
         self.memory.anderson.forget();
-        self.coarse.build(&self.blocks, &self.rotations);
+        self.coarse.build(&self.blocks, &self.rotations, 1.0);
         let mut largest: Option<f64> = None;
         for _ in 0..PASSES {
             self.precondition();

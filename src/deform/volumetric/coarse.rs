@@ -17,6 +17,10 @@ use glam::{DMat3, DVec3};
 const TETS_PER_CLUSTER: usize = 110;
 const CLUSTERS: (usize, usize) = (20, 100);
 
+/// How many times as much the diagonal of a rigid group is stiffened as if its tetrahedra were free. A free hand is as stiff as its wrist: by as much as
+/// its own stiffness asks for, it would turn by a hundredth of the way in every step. Between 1 and 30 nothing is much better or worse.
+const TURNS: f64 = 10.0;
+
 /// Rounds of Lloyd's algorithm.
 const ROUNDS: usize = 8;
 
@@ -34,7 +38,7 @@ pub(super) struct Coarse {
     given: Vec<u32>,
     /// Sum of the weights of each cluster.
     weights: Vec<f64>,
-    /// The part of it that stiffens the diagonal: of a rigid group that of its tetrahedra if they were free. Its turn is exact, and as stiff as its joint.
+    /// The part of it that stiffens the diagonal.
     slack: Vec<f64>,
     /// `m_cd` at rest with every handle at its full weight, `c ≥ d`, at `c · count + d`.
     rest_couplings: Vec<DMat3>,
@@ -74,7 +78,7 @@ impl Coarse {
         let mut pairs: Vec<(u32, u32)> = Vec::new();
         for (element, &c) in elements.iter().zip(&cluster) {
             weights[c as usize] += element.weight;
-            slack[c as usize] += if element.group.is_some() { element.weight / RIGID } else { element.weight };
+            slack[c as usize] += if element.group.is_some() { element.weight * TURNS / RIGID } else { element.weight };
             pairs.extend(element.corners.iter().map(|&v| (v, c)));
         }
         pairs.sort_unstable();
@@ -190,8 +194,9 @@ impl Coarse {
         }
     }
 
-    /// Turns loads and couplings with the present rotations and factors `S`. Without success [`Self::is_ready`] says no until the next call.
-    pub(super) fn build(&mut self, blocks: &Blocks, rotations: &[Quaternions]) {
+    /// Turns loads and couplings with the present rotations and factors `S`, its diagonal made stiffer by 0.01 `damping`. Without success
+    /// [`Self::is_ready`] says no until the next call.
+    pub(super) fn build(&mut self, blocks: &Blocks, rotations: &[Quaternions], damping: f64) {
         self.loads.fill(Lanes::ZERO);
         self.sums.fill(DMat3::ZERO);
         blocks.turning_loads(rotations, &self.slots, &self.clusters, &mut self.loads, &mut self.sums);
@@ -200,7 +205,7 @@ impl Coarse {
             *turn = nearest_rotation(*sum, DMat3::IDENTITY);
         }
         // The couplings are exact only at rest, so S may lose its sign: a stiffer diagonal gives a shorter step.
-        let mut shift = 0.01;
+        let mut shift = 0.01 * damping;
         self.ready = false;
         for _ in 0..12 {
             self.fill(shift);

@@ -12,6 +12,10 @@ const MOST_PASSES: (u32, u32) = (120, 200);
 /// Iterations after which the coarse level is turned with the body again, warm and cold.
 const REBUILD: (u32, u32) = (12, 6);
 
+/// By how much the coarse level is damped more after a step that would have raised the energy, and the most: without, a body with rigid parts may need
+/// four hundred passes for a start and twice as many for a frame.
+const DAMPING: (f64, f64) = (4.0, 100.0);
+
 /// How much more the coarse correction counts, per bulk: the matrix has weights that bound the change of volume, while bodies bend and twist without one.
 const BENDING: f64 = 0.9;
 
@@ -242,12 +246,14 @@ impl Volumetric {
         let mut energy = self.evaluate(Place::Current, 2);
         self.memory.energies.push(energy);
         self.memory.anderson.forget();
-        self.coarse.build(&self.blocks, &self.rotations);
+        let (mut damping, mut too_long) = (1.0, false);
+        self.coarse.build(&self.blocks, &self.rotations, damping);
         let mut passes = 1;
         let mut iteration = 0;
         loop {
-            if iteration > 0 && iteration % rebuild == 0 {
-                self.coarse.build(&self.blocks, &self.rotations);
+            if iteration > 0 && iteration % rebuild == 0 || too_long {
+                too_long = false;
+                self.coarse.build(&self.blocks, &self.rotations, damping);
                 self.memory.anderson.forget();
             }
             iteration += 1;
@@ -275,6 +281,8 @@ impl Volumetric {
                 accepted = next <= limit;
             }
             if !accepted {
+                too_long = damping < DAMPING.1;
+                damping = (damping * DAMPING.0).min(DAMPING.1);
                 // Without bulk the plain step cannot raise the energy, except by rotations that one Newton step leaves inexact.
                 let m = &mut self.memory;
                 m.anderson.forget();
