@@ -582,6 +582,32 @@ fn figures_8_9_and_10_combined_examples_what_lies_outside_and_a_bad_start() {
     keep("figure 8", &poses.iter().map(Vec::as_slice).collect::<Vec<_>>(), &faces);
 }
 
+/// What holds creases back goes by seconds: twice as many frames at twice the rate pass through nearly the same poses.
+#[test]
+fn a_faster_camera_sees_the_same_creases() {
+    let rest = arm(0.0, 0.0);
+    let (_, faces) = cylinder(3.0, 1.0, RINGS, SEGMENTS);
+    let body = Body::build(&rest, &faces, &[], 600, &|| Ok(())).unwrap();
+    let rows = SurfaceRows::new(&body);
+    let handle = |(i, p): (usize, &DVec3)| Handle { name: format!("h{i}"), row: rows.row(*p), beta: 1.0 };
+    let handles: Vec<Handle> = places(&rest).iter().enumerate().map(handle).collect();
+    let film = |frames: u32, rate: f64| -> Vec<Vec<DVec3>> {
+        let mut shells = Shells::new(&body, &handles, &[], &Options { rate, ..Options::for_examples(0) }).unwrap();
+        let pose = |f: u32| {
+            let positions = places(&arm(0.0, 70.0 * f64::from(f) / f64::from(frames)));
+            shells.step(&Targets { positions, presence: vec![1.0; handles.len()] }).unwrap();
+            shells.pose().to_vec()
+        };
+        (0..=frames).map(pose).collect()
+    };
+    let slow = film(20, 100.0);
+    let apart =
+        |other: &[Vec<DVec3>]| slow.iter().zip(other.iter().step_by(2)).map(|(a, b)| spread_of(a, b)[0]).sum::<f64>() / 21.0;
+    let (faster, slower) = (apart(&film(40, 200.0)), apart(&film(40, 100.0)));
+    eprintln!("twice the frames at twice the rate: {faster:.6} apart; at the same rate, so half as fast: {slower:.6}");
+    assert!(faster < 0.5 * slower, "{faster} {slower}");
+}
+
 #[test]
 fn tables_1_and_2_time_and_distance_from_the_whole_mesh() {
     let (_, faces) = cylinder(3.0, 1.0, RINGS, SEGMENTS);

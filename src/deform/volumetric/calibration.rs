@@ -4,6 +4,7 @@
 //! known: with every target at rest, from a pose that random forces have bent.
 
 use super::Volumetric;
+use super::coarse::DAMPING;
 use super::descent::Place;
 use super::elements::Element;
 use crate::linalg::lanes::{Lanes, longest};
@@ -52,7 +53,7 @@ impl Volumetric {
         self.oriented.put_given(&mut self.p);
         self.evaluate(Place::Current, 2);
         self.memory.anderson.forget();
-        self.coarse.build(&self.blocks, &self.rotations, 1.0);
+        self.coarse.build(&self.blocks, &self.rotations, DAMPING.0);
         let mut largest: Option<f64> = None;
         for _ in 0..PASSES {
             self.precondition();

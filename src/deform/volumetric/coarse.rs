@@ -17,9 +17,10 @@ use glam::{DMat3, DVec3};
 const TETS_PER_CLUSTER: usize = 110;
 const CLUSTERS: (usize, usize) = (20, 100);
 
-/// How many times as much the diagonal of a rigid group is stiffened as if its tetrahedra were free. A free hand is as stiff as its wrist: by as much as
-/// its own stiffness asks for, it would turn by a hundredth of the way in every step. Between 1 and 30 nothing is much better or worse.
-const TURNS: f64 = 10.0;
+/// How many times as much the diagonal of a rigid group is stiffened as if its tetrahedra were free: at first, how many times more after a step that
+/// would have raised the energy, and the most. A free hand is as stiff as its wrist: by as much as its own stiffness asks for, it would turn by a
+/// hundredth of the way in every step. Free clusters keep theirs: with more of it they come to the end later.
+pub(super) const DAMPING: (f64, f64, f64) = (10.0, 4.0, 1000.0);
 
 /// Rounds of Lloyd's algorithm.
 const ROUNDS: usize = 8;
@@ -38,8 +39,10 @@ pub(super) struct Coarse {
     given: Vec<u32>,
     /// Sum of the weights of each cluster.
     weights: Vec<f64>,
-    /// The part of it that stiffens the diagonal.
+    /// The same as if all of it were free: by a part of that the diagonal is stiffened.
     slack: Vec<f64>,
+    /// Clusters of free tetrahedra; behind them come the rigid groups.
+    free: usize,
     /// `m_cd` at rest with every handle at its full weight, `c ≥ d`, at `c · count + d`.
     rest_couplings: Vec<DMat3>,
     /// The same with the present weights.
@@ -70,6 +73,7 @@ impl Coarse {
         let centroids: Vec<DVec3> =
             free.iter().map(|e| e.corners.iter().map(|&v| rest[v as usize]).sum::<DVec3>() * 0.25).collect();
         let (mut cluster, mut count) = cluster(&centroids, wanted);
+        let free_clusters = count;
         for part in elements[free.len()..].chunk_by(|a, b| a.group == b.group) {
             cluster.resize(cluster.len() + part.len(), count as u32);
             count += 1;
@@ -78,7 +82,7 @@ impl Coarse {
         let mut pairs: Vec<(u32, u32)> = Vec::new();
         for (element, &c) in elements.iter().zip(&cluster) {
             weights[c as usize] += element.weight;
-            slack[c as usize] += if element.group.is_some() { element.weight * TURNS / RIGID } else { element.weight };
+            slack[c as usize] += if element.group.is_some() { element.weight / RIGID } else { element.weight };
             pairs.extend(element.corners.iter().map(|&v| (v, c)));
         }
         pairs.sort_unstable();
@@ -120,6 +124,7 @@ impl Coarse {
             starts,
             weights,
             slack,
+            free: free_clusters,
         };
         coarse.couple(blocks, handles, factor);
         coarse
@@ -194,8 +199,8 @@ impl Coarse {
         }
     }
 
-    /// Turns loads and couplings with the present rotations and factors `S`, its diagonal made stiffer by 0.01 `damping`. Without success
-    /// [`Self::is_ready`] says no until the next call.
+    /// Turns loads and couplings with the present rotations and factors `S`. `damping`: how many times as much the diagonal of a rigid group is stiffened
+    /// as if it were free, see [`DAMPING`]. Without success [`Self::is_ready`] says no until the next call.
     pub(super) fn build(&mut self, blocks: &Blocks, rotations: &[Quaternions], damping: f64) {
         self.loads.fill(Lanes::ZERO);
         self.sums.fill(DMat3::ZERO);
@@ -205,10 +210,10 @@ impl Coarse {
             *turn = nearest_rotation(*sum, DMat3::IDENTITY);
         }
         // The couplings are exact only at rest, so S may lose its sign: a stiffer diagonal gives a shorter step.
-        let mut shift = 0.01 * damping;
+        let mut shift = 0.01;
         self.ready = false;
         for _ in 0..12 {
-            self.fill(shift);
+            self.fill(shift, damping);
             if self.system.factor() {
                 self.ready = true;
                 return;
@@ -217,15 +222,16 @@ impl Coarse {
         }
     }
 
-    fn fill(&mut self, shift: f64) {
+    fn fill(&mut self, shift: f64, damping: f64) {
         let size = 3 * self.count;
         let system = self.system.refill(size);
+        let slack = |c: usize| if c < self.free { self.slack[c] } else { self.slack[c] * damping };
         for d in 0..self.count {
             let back = self.turns[d].transpose();
             for c in d..self.count {
                 let m = self.turns[c] * self.couplings[c * self.count + d] * back;
                 let trace = m.x_axis.x + m.y_axis.y + m.z_axis.z;
-                let diagonal = if c == d { 2.0 * (self.weights[c] + shift * self.slack[c]) - trace } else { -trace };
+                let diagonal = if c == d { 2.0 * (self.weights[c] + shift * slack(c)) - trace } else { -trace };
                 for k in 0..3 {
                     for i in 0..3 {
                         // S takes the transpose of m: m[k][i] is row k, column i.
@@ -235,6 +241,10 @@ impl Coarse {
                 }
             }
         }
+    }
+
+    pub(super) fn has_rigid_groups(&self) -> bool {
+        self.free < self.count
     }
 
     pub(super) fn is_ready(&self) -> bool {

@@ -1,6 +1,7 @@
 //! One frame: from the predicted pose down to the minimum of the energy.
 
 use super::anderson::Anderson;
+use super::coarse::DAMPING;
 use super::{ERROR_PER_STEP, FrameStats, Volumetric};
 use crate::linalg::lanes::{Lanes, add_scaled, for_each_instruction_set, longest};
 use crate::linalg::rotation::{self, Quaternions};
@@ -11,10 +12,6 @@ const MOST_PASSES: (u32, u32) = (120, 200);
 
 /// Iterations after which the coarse level is turned with the body again, warm and cold.
 const REBUILD: (u32, u32) = (12, 6);
-
-/// By how much the coarse level is damped more after a step that would have raised the energy, and the most: without, a body with rigid parts may need
-/// four hundred passes for a start and twice as many for a frame.
-const DAMPING: (f64, f64) = (4.0, 100.0);
 
 /// How much more the coarse correction counts, per bulk: the matrix has weights that bound the change of volume, while bodies bend and twist without one.
 const BENDING: f64 = 0.9;
@@ -246,7 +243,7 @@ impl Volumetric {
         let mut energy = self.evaluate(Place::Current, 2);
         self.memory.energies.push(energy);
         self.memory.anderson.forget();
-        let (mut damping, mut too_long) = (1.0, false);
+        let (mut damping, mut too_long) = (DAMPING.0, false);
         self.coarse.build(&self.blocks, &self.rotations, damping);
         let mut passes = 1;
         let mut iteration = 0;
@@ -281,8 +278,8 @@ impl Volumetric {
                 accepted = next <= limit;
             }
             if !accepted {
-                too_long = damping < DAMPING.1;
-                damping = (damping * DAMPING.0).min(DAMPING.1);
+                too_long = damping < DAMPING.2 && self.coarse.has_rigid_groups();
+                damping = (damping * DAMPING.1).min(DAMPING.2);
                 // Without bulk the plain step cannot raise the energy, except by rotations that one Newton step leaves inexact.
                 let m = &mut self.memory;
                 m.anderson.forget();
