@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
-# Which lines of src/ the tests run: a line per file, the least covered first, and all; a build with instruments and all tests, half an hour.
+# Which lines of src/ the tests run: a line per file, the least covered first, and all; a build with instruments and all tests, an hour.
 #
-#   scripts/coverage.sh [ARGUMENTS OF cargo test …]
+#   scripts/coverage.sh [ARGUMENTS OF cargo llvm-cov …]     --lib: the unit tests only, half of the time; --ignore-run-fail: a report whatever fails
 #
 # Needs cargo-llvm-cov (`cargo install cargo-llvm-cov`) and the compiler's llvm-tools (`rustup component add llvm-tools`). Tests on real data run where
-# RETARGET_SHARED names their folder. A page of all lines goes to target/coverage/html.
+# RETARGET_SHARED names their folder. A page of all lines goes to target/coverage/html. Unit tests within a file
+# count as its lines: without them all is a point lower.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 command -v cargo-llvm-cov >/dev/null || { echo "cargo-llvm-cov is not here: cargo install cargo-llvm-cov" >&2; exit 1; }

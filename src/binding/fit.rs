@@ -403,3 +403,63 @@ pub(super) fn simulate(
     let origins = state.origins(body);
     observations.iter().map(|o| state.predict(body, &origins, o)).collect()
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::super::tests::{PLUG_IN_GAIT, labels_of, landmarks_of, person};
+    use super::*;
+
+    /// A skeleton, and its landmarks as the markers of somebody who stands like it.
+    fn standing() -> (Skeleton, Vec<Observation>) {
+        let person = person(0.75);
+        let body = Skeleton::of(&person.body);
+        let mut seen = landmarks_of(&person, &labels_of(&PLUG_IN_GAIT));
+        let markers = simulate(&body, &seen, &[], &[]);
+        seen.iter_mut().zip(markers).for_each(|(o, marker)| o.marker = marker);
+        (body, seen)
+    }
+
+    #[test]
+    fn a_marker_in_the_wrong_place_moves_no_other() {
+        let (body, mut seen) = standing();
+        let wrong = seen.iter().position(|o| o.segment == Segment::LeftShank).unwrap();
+        seen[wrong].marker += body.up * (0.3 * body.stature);
+        let fit = fit(&body, &seen);
+        let others = fit.residuals.iter().enumerate().filter(|(i, _)| *i != wrong);
+        let worst = others.fold(0.0_f64, |worst, (_, r)| worst.max(r / body.stature));
+        assert!(worst < 0.01 && fit.residuals[wrong] > 0.28 * body.stature, "{worst} {:?}", fit.residuals[wrong]);
+        assert!((fit.size - 1.0).abs() < 0.01, "{}", fit.size);
+    }
+
+    #[test]
+    fn another_size_changes_the_ratios_and_nothing_that_was_fitted() {
+        let (body, seen) = standing();
+        let before = fit(&body, &seen);
+        let mut after = before.clone();
+        after.resize(1.25 * before.size);
+        assert_eq!(after.size, 1.25 * before.size);
+        for (a, b) in after.ratios.iter().zip(before.ratios) {
+            assert!((a * after.size - b * before.size).abs() < 1e-12);
+        }
+        for o in &seen {
+            let there = after.pose(&body, o.segment, o.place);
+            assert!(after.carry(&body, o.segment, there).distance(o.place) < 1e-9, "{:?}", o.segment);
+        }
+    }
+
+    #[test]
+    fn a_limb_is_bent_from_twenty_degrees_on() {
+        let (body, seen) = standing();
+        let mut fit = fit(&body, &seen);
+        assert!(fit.bends(&body).is_empty(), "{:?}", fit.bends(&body));
+        let upper = fit.rotations[Segment::LeftUpperArm as usize];
+        let across = body.bone(Segment::LeftForearm).axis.any_orthonormal_vector();
+        for (degrees, told) in [(15.0_f64, false), (25.0, true), (80.0, true)] {
+            fit.rotations[Segment::LeftForearm as usize] = upper * DQuat::from_axis_angle(across, degrees.to_radians());
+            let bend = fit.bends(&body).iter().find(|b| b.0 == Segment::LeftForearm).map(|b| b.1);
+            assert_eq!(bend.is_some(), told, "{degrees}");
+            assert!(bend.is_none_or(|b| (b - degrees).abs() < 1e-6), "{degrees}: {bend:?}");
+        }
+    }
+}

@@ -194,6 +194,17 @@ mod tests {
     }
 
     #[test]
+    fn two_points_and_points_in_one_place_place_nothing() {
+        let pair = |p: DVec3| (p, p * 2.0, 1.0);
+        let of =
+            |points: &[DVec3]| upright(&points.iter().map(|p| pair(*p)).collect::<Vec<_>>(), DVec3::Y, DVec3::Y, Held::default());
+        assert!(of(&[DVec3::X, DVec3::Z]).is_none() && of(&[DVec3::X; 4]).is_none() && of(&[]).is_none());
+        assert!((of(&[DVec3::X, DVec3::Z, DVec3::Y]).unwrap().placement.scale - 2.0).abs() < 1e-12);
+        let unseen: Vec<_> = [DVec3::X, DVec3::Z, DVec3::Y].iter().map(|p| (*p, *p, 0.0)).collect();
+        assert!(upright(&unseen, DVec3::Y, DVec3::Y, Held::default()).is_none());
+    }
+
+    #[test]
     fn a_capture_upside_down_is_turned_over() {
         let q = turn_between(DVec3::Z, -DVec3::Z);
         assert!((q * DVec3::Z + DVec3::Z).length() < 1e-12);

@@ -231,4 +231,64 @@ mod tests {
         hide(&mut take, 30..90, 3);
         assert_eq!(fill(&mut take, RATE, size), [Gap { marker: 3, frames: 30..90, by: By::Nothing }]);
     }
+
+    /// The fifth point is elsewhere on the body, in its own axes, from a frame on: where it would be without, and the take with the gap before it.
+    fn slipped(by: f64, gap: Range<usize>) -> (MarkerTake, MarkerTake, f64) {
+        let (truth, size) = tumbling(400);
+        let mut take = truth.clone();
+        for f in gap.end..400 {
+            let [a, b] = [0, 1].map(|m| truth.point(f, m).unwrap());
+            let place = truth.point(f, 4).unwrap() + (b - a).normalize() * by;
+            take.points[f * 5 + 4] = place.as_vec3().to_array();
+        }
+        hide(&mut take, gap, 4);
+        (truth, take, size)
+    }
+
+    #[test]
+    fn a_marker_that_comes_back_elsewhere_is_another_one_and_skin_that_slips_is_followed() {
+        let gap = 300..370;
+        let (_, mut take, size) = slipped(0.125 * 800.0, gap.clone());
+        assert_eq!(fill(&mut take, RATE, size), [Gap { marker: 4, frames: gap.clone(), by: By::Nothing }]);
+        let slip = 0.05 * 800.0;
+        let (truth, mut take, size) = slipped(slip, gap.clone());
+        assert_eq!(fill(&mut take, RATE, size), [Gap { marker: 4, frames: gap.clone(), by: By::Neighbours(4) }]);
+        for f in gap.clone() {
+            let off = take.point(f, 4).unwrap().distance(truth.point(f, 4).unwrap());
+            let expected = slip * (f + 1 - gap.start) as f64 / (gap.len() + 1) as f64;
+            assert!((off - expected).abs() < 0.05, "frame {f}: {off}, not {expected}");
+        }
+    }
+
+    #[test]
+    fn neighbours_carry_a_marker_longer_between_two_places_than_beyond_one() {
+        let (truth, size) = tumbling(700);
+        for (gap, by) in [(200..500, By::Neighbours(4)), (0..300, By::Nothing), (400..700, By::Nothing), (100..650, By::Nothing)]
+        {
+            let mut take = truth.clone();
+            hide(&mut take, gap.clone(), 4);
+            assert_eq!(fill(&mut take, RATE, size), [Gap { marker: 4, frames: gap, by }]);
+        }
+    }
+
+    #[test]
+    fn a_curve_keeps_the_speeds_at_its_ends_only_over_a_tenth_of_a_second() {
+        let place = |f: f64| [0.1 * f * f, 5.0 * f, 900.0];
+        let points: Vec<[f32; 3]> = (0..100).map(|f| place(f64::from(f)).map(|x| x as f32)).collect();
+        let truth = MarkerTake { labels: vec!["a".into()], points, ..MarkerTake::default() };
+        let filled = |gap: Range<usize>| {
+            let mut take = truth.clone();
+            hide(&mut take, gap.clone(), 0);
+            assert_eq!(fill(&mut take, RATE, 500.0)[0].by, By::Curve);
+            let middle = gap.start + gap.len() / 2;
+            let (a, b) = (truth.point(gap.start - 1, 0).unwrap(), truth.point(gap.end, 0).unwrap());
+            let straight = a.lerp(b, (middle + 1 - gap.start) as f64 / (gap.len() + 1) as f64);
+            let p = take.point(middle, 0).unwrap();
+            (p.distance(truth.point(middle, 0).unwrap()), p.distance(straight))
+        };
+        let (from_truth, from_straight) = filled(20..29);
+        assert!(from_truth < 0.3 && from_straight > 2.0, "{from_truth} {from_straight}");
+        let (_, from_straight) = filled(20..40);
+        assert!(from_straight < 1e-3, "{from_straight}");
+    }
 }

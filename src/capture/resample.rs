@@ -204,6 +204,15 @@ mod tests {
     }
 
     #[test]
+    fn a_frame_on_a_frame_is_copied_however_its_place_is_rounded() {
+        // 55 steps of 120/110 are 59.99999999999999.
+        let mut walk = take(80, |f| [f.sin(), f * 0.37, 1.0]);
+        walk.points[59] = [f32::NAN; 3];
+        let (sampling, _) = Sampling::new(0..80, 0, 120.0, 110.0);
+        assert_eq!(sampling.markers(&walk).points[55], walk.points[60]);
+    }
+
+    #[test]
     fn turns_stay_on_the_sphere_and_meet_an_even_turn() {
         let axis = DVec3::new(0.6, 0.0, 0.8);
         let truth = |f: f64| DQuat::from_axis_angle(axis, 0.4 * f);

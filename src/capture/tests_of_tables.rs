@@ -178,6 +178,10 @@ fn a_rate_of_zero_is_that_of_the_cameras_and_columns_without_any_name_are_number
     let header = HEADER.replace("\n50\t50\t", "\n0\t50\t");
     let rows = "1\t\t1\t2\t3\t4\t5\t6\n2\t\t1\t2\t3\t4\t5\t7\n";
     assert_eq!(trc(&format!("{header}Frame#\tTime\tC7\t\t\tT10\n{rows}")).unwrap().rate, 50.0);
+    // Doubled separators between the names of the header only.
+    let padded = HEADER.replace("CameraRate\tNumFrames", "CameraRate\t\tNumFrames");
+    let capture = trc(&format!("{padded}Frame#\tTime\tC7\t\t\tT10\n{rows}")).unwrap();
+    assert_eq!(capture.space.unit.map(|known| known.value), Some(crate::space::Unit::Centimetre), "{:?}", notes(&capture));
     let bare = trc(&format!("{HEADER}Frame#\tTime\n{rows}")).unwrap();
     assert_eq!(bare.motion.points().labels, ["M001", "M002"]);
     assert!(notes(&bare).contains(&"the file has no labels: its 2 points are numbered"), "{:?}", notes(&bare));

@@ -38,6 +38,20 @@ pub fn is_like(shown: &str, line: &str) -> bool {
     }
 }
 
+/// A line of the program with how long a run took as `... s`.
+pub fn without_seconds(line: &str) -> String {
+    if !line.starts_with("done ") && !line.starts_with("take ") {
+        return line.to_owned();
+    }
+    let mut words: Vec<&str> = line.split(' ').collect();
+    for k in 1..words.len() {
+        if ["s", "ms", "s,"].contains(&words[k]) && words[k - 1].parse::<f64>().is_ok() {
+            words[k - 1] = "...";
+        }
+    }
+    words.join(" ")
+}
+
 /// Length of the number that a text begins with.
 fn number(text: &str) -> usize {
     let digits = |from: usize| text[from..].bytes().take_while(u8::is_ascii_digit).count();

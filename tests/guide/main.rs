@@ -3,6 +3,9 @@
 
 #![allow(clippy::unwrap_used)]
 
+#[cfg(unix)]
+mod blessing;
+#[cfg(unix)]
 mod likeness;
 mod names;
 mod pages;

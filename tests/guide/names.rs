@@ -71,7 +71,7 @@ fn links_lead_somewhere() {
 
 /// What the program prints to standard output.
 fn printed(arguments: &[&str]) -> String {
-    let output = std::process::Command::new(env!("CARGO_BIN_EXE_retarget")).args(arguments).output().unwrap();
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_retarget")).current_dir(root()).args(arguments).output().unwrap();
     assert!(output.status.success(), "{arguments:?}");
     String::from_utf8(output.stdout).unwrap()
 }
@@ -222,7 +222,11 @@ fn every_field_of_a_report_is_in_the_schema_and_every_field_of_the_schema_is_on_
         serde_json::from_str(&std::fs::read_to_string(root().join("docs/report.schema.json")).unwrap()).unwrap();
     let mut known = BTreeMap::new();
     of_schema(&schema, "", &mut known);
+    let rig = folder.path().join("lamp.toml");
+    let rig = rig.to_str().unwrap();
+    printed(&["joints", "fixtures/lamp.obj", "-o", rig]);
     for (scan, capture, more) in [
+        ("fixtures/lamp.obj", "fixtures/lamp.csv", vec!["--frames", "0..3", "--rig", rig]),
         ("fixtures/scan.obj", "fixtures/walk.c3d", vec!["--frames", "1..3"]),
         ("fixtures/scan.obj", "fixtures/tall.c3d", vec!["--frames", "1..3"]),
         ("fixtures/scan.obj", "fixtures/steps.bvh", vec!["--frames", "1..3"]),

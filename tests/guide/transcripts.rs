@@ -1,12 +1,13 @@
 //! The commands of the pages do what the pages show.
 //!
 //! In a block that begins with ` ```console `, a line that begins with `$ ` is a command, which goes on in lines that begin with `> `, and what follows it
-//! is what it prints, on both streams. The commands of a page are run one after the other in an empty folder that holds `fixtures/`, with the program first in the
-//! path. A command that fails is followed by `$ echo $?`. What is compared how: [`crate::likeness`]; lines that tell of progress, which a slow machine
-//! prints, are passed over. With `RETARGET_BLESS` the pages are written anew: lines that are as shown stay, others are replaced by what was printed, with
-//! `...` for seconds. `RETARGET_PAGE` names a part of the page's path: only these are run.
+//! is what it prints, on both streams; a block without a command goes on with what the last one prints. The commands of a page are run one after the other in an empty folder that holds `fixtures/`, with the program first in the
+//! path; `cargo run --release --`, as one runs it in a fresh clone, is the program too. A command that fails is followed by `$ echo $?`. What is compared
+//! how: [`crate::likeness`]; how long a run took is not, and lines that tell of progress, which a slow machine prints, are passed over. With
+//! `RETARGET_BLESS` the pages are written anew ([`crate::blessing`]). `RETARGET_PAGE` names a part of the page's path: only these are run.
 
-use crate::likeness::{compare, is_like};
+use crate::blessing::renewed;
+use crate::likeness::{compare, without_seconds};
 use crate::pages::{blocks, name, pages, root};
 use std::path::Path;
 use std::process::Command;
@@ -34,7 +35,12 @@ fn steps(text: &str) -> Vec<Step> {
                     step.command += &format!("\n{more}");
                     step.first += 1;
                 }
-                _ => step.shown.push(line.to_owned()),
+                _ => {
+                    if step.shown.is_empty() {
+                        step.first = first + k;
+                    }
+                    step.shown.push(line.to_owned());
+                }
             }
         }
     }
@@ -47,6 +53,7 @@ fn run(folder: &Path, command: &str, before: i32) -> (String, i32) {
     let path = std::env::join_paths(
         [program.to_owned()].into_iter().chain(std::env::split_paths(&std::env::var_os("PATH").unwrap_or_default())),
     );
+    let command = command.replace("cargo run --release -- ", "retarget ");
     let script = format!("exec 2>&1\n(exit {before})\n{command}\n");
     let output = Command::new("sh")
         .arg("-c")
@@ -64,18 +71,9 @@ fn is_progress(line: &str) -> bool {
     line.starts_with("  ") && (line.ends_with(" frames/s") || line == "  completing the outputs")
 }
 
-/// How long a run took as `... s`.
-fn without_seconds(line: &str) -> String {
-    if !line.starts_with("done ") && !line.starts_with("take ") {
-        return line.to_owned();
-    }
-    let mut words: Vec<&str> = line.split(' ').collect();
-    for k in 1..words.len() {
-        if ["s", "ms", "s,"].contains(&words[k]) && words[k - 1].parse::<f64>().is_ok() {
-            words[k - 1] = "...";
-        }
-    }
-    words.join(" ")
+fn compare_without_seconds(shown: &[&str], printed: &[&str]) -> Result<(), usize> {
+    let [shown, printed] = [shown, printed].map(|lines| lines.iter().map(|line| without_seconds(line)).collect::<Vec<_>>());
+    compare(&shown.iter().map(String::as_str).collect::<Vec<_>>(), &printed.iter().map(String::as_str).collect::<Vec<_>>())
 }
 
 /// What is wrong with a page, and the page as it should be.
@@ -98,7 +96,7 @@ fn check(page: &Path) -> (Vec<String>, String) {
         status = ended;
         let printed: Vec<&str> = printed.lines().filter(|line| !is_progress(line)).collect();
         let shown: Vec<&str> = step.shown.iter().map(String::as_str).collect();
-        if let Err(at) = compare(&shown, &printed) {
+        if let Err(at) = compare_without_seconds(&shown, &printed) {
             let nothing = "(no more lines)";
             let wanted = shown.get(at).copied().unwrap_or(nothing);
             wrong.push(format!(
@@ -108,10 +106,7 @@ fn check(page: &Path) -> (Vec<String>, String) {
                 step.command,
                 printed.join("\n    ")
             ));
-            let like = |line: &&str| {
-                shown.iter().find(|s| **s != "..." && is_like(s, line)).map_or_else(|| without_seconds(line), |s| (*s).to_owned())
-            };
-            replaced.push((step.first..step.first + shown.len(), printed.iter().map(like).collect::<Vec<_>>()));
+            replaced.push((step.first..step.first + shown.len(), renewed(&shown, &printed)));
         }
     }
     for (range, with) in replaced.into_iter().rev() {

@@ -307,6 +307,11 @@ fn defects_are_told_with_their_line() {
         (SMALL[..SMALL.find("MOTION").unwrap()].to_owned(), "the hierarchy ends without the word MOTION", "line 24"),
         (SMALL.replacen("Hips", &"x".repeat(300), 1), "a name of 300 bytes", "line 2"),
         (SMALL.replace("Frame Time", "Frame Rate"), "unexpected 'RATE:'", "line 27"),
+        (
+            SMALL.replacen("OFFSET 0.0 5.0 0.5", "OFFSET 0.0 5.0 0.5\n\t\t\tJOINT Tip", 1),
+            "a joint begins inside of 'Site', which is not open",
+            "line 13",
+        ),
         (String::new(), "there is no joint", "line 1"),
         ("solid nothing\n".to_owned(), "unexpected 'solid'", "line 1"),
     ];

@@ -171,5 +171,10 @@ mod tests {
         assert_eq!((found, named), (Processor::Mips, false));
         assert_eq!(Header::parse(&block, found).points, 5);
         assert!(processor(&[0; 512], None, 4096).is_err());
+        // In a long file only the order of the first and the last frame tells: 257 to 512, which is 257 to 2 the other way round.
+        for (word, value) in [(2, 1u16), (4, 257), (5, 512)] {
+            block[2 * word - 2..2 * word].copy_from_slice(&value.to_be_bytes());
+        }
+        assert_eq!(processor(&block, None, 1 << 20).unwrap().0, Processor::Mips);
     }
 }

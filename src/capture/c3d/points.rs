@@ -160,6 +160,20 @@ mod tests {
     }
 
     #[test]
+    fn the_mark_of_integers_counts_as_that_of_floats() {
+        let frames: [[i16; 4]; 3] = [[10, 20, 30, 0], [10, 20, 30, -1], [10, 20, 31, -1]];
+        for (processor, bytes) in
+            [(Processor::Intel, i16::to_le_bytes as fn(i16) -> [u8; 2]), (Processor::Mips, i16::to_be_bytes)]
+        {
+            let bytes: Vec<u8> = frames.iter().flatten().flat_map(|v| bytes(*v)).collect();
+            let header = Header { points: 1, analog: 0, first: 1, last: 3, scale: 0.5, data_block: 3, rate: 100.0 };
+            let (points, seen) = read(&mut bytes.as_slice(), &header, processor, &[0], 3).unwrap();
+            assert_eq!((points[0], points[1][0].is_nan(), points[2]), ([5.0, 10.0, 15.0], true, [5.0, 10.0, 15.5]));
+            assert_eq!(seen, Doubtful { marked_but_there: 1, held: 1, huge: 0 });
+        }
+    }
+
+    #[test]
     fn a_mark_on_every_point_says_nothing() {
         let (points, seen) = one_point(&[[1.0, 2.0, 3.0, -1.0], [1.0, 2.0, 3.0, -1.0], [0.0, 0.0, 0.0, -1.0]]);
         assert_eq!(points[1], [1.0, 2.0, 3.0]);

@@ -33,6 +33,8 @@ mod precision;
 mod recovery;
 #[cfg(test)]
 pub(crate) mod stored_poses;
+#[cfg(test)]
+mod wild;
 
 use super::{Deformer, ERROR_PER_STEP, FrameStats, Handle, OrientedHandle, Placement, Targets};
 use crate::disjoint::DisjointSets;

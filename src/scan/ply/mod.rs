@@ -403,10 +403,27 @@ mod tests {
         assert!(with_face("", TRIANGLE, "3 0 1 2 9\n").unwrap().notes.iter().any(|n| n.contains("more values")));
         let error = with_face("", "0 0\n1 0 0\n0 1 0\n", "3 0 1 2\n").unwrap_err();
         assert_eq!((error.place.as_deref(), error.found.contains("too few")), (Some("line 10"), true));
-        assert!(with_face("", TRIANGLE, "4 0 1 2\n").is_err());
+        let error = with_face("", TRIANGLE, "40 0 1 2\n").unwrap_err();
+        assert!(error.found.contains("a list of 40 values, more than the row holds"), "{error}");
         assert!(with_face("", TRIANGLE, "3 0 1 3\n").unwrap_err().found.contains("index 3"));
         assert!(with_face("", TRIANGLE, "2 0 1\n").unwrap_err().found.contains("nothing to animate"));
         assert_eq!(with_face("", "0 0 nan\n1 0 0\n0 1 0\n", "3 0 1 2\n").unwrap_err().place.as_deref(), Some("vertex 0"));
+    }
+
+    #[test]
+    fn lengths_of_lists_are_whole_numbers_and_missing_values_of_others_do_no_harm() {
+        let of = |length: &str| {
+            let head =
+                "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1";
+            parse_text(&format!("{head}\nproperty list float int vertex_indices\nend_header\n{TRIANGLE}{length} 0 1 2\n"))
+        };
+        assert_eq!(of("3").unwrap().mesh.faces.len(), 1);
+        for length in ["3.5", "-1", "nan"] {
+            let error = of(length).unwrap_err();
+            assert!(error.found.contains("a list of") && error.place.as_deref() == Some("line 13"), "{length}: {error}");
+        }
+        let rows = "0 0 0 1.#INF\n1 0 0 -1.#IND00\n0 1 0 1.#QNAN\n";
+        assert_eq!(with_face("property float quality\n", rows, "3 0 1 2\n").unwrap().mesh.faces.len(), 1);
     }
 
     #[test]
