@@ -243,13 +243,15 @@ impl Volumetric {
         let mut energy = self.evaluate(Place::Current, 2);
         self.memory.energies.push(energy);
         self.memory.anderson.forget();
-        let (mut damping, mut too_long) = (DAMPING.0, false);
+        // Of the rigid groups: how much they are, and how much they will be when the coarse level is built again.
+        let (mut damping, mut wanted) = (DAMPING.0, DAMPING.0);
         self.coarse.build(&self.blocks, &self.rotations, damping);
         let mut passes = 1;
         let mut iteration = 0;
         loop {
-            if iteration > 0 && iteration % rebuild == 0 || too_long {
-                too_long = false;
+            if iteration > 0 && iteration % rebuild == 0 || wanted > damping {
+                damping = if wanted > damping { wanted } else { (damping / DAMPING.1).max(DAMPING.0) };
+                wanted = damping;
                 self.coarse.build(&self.blocks, &self.rotations, damping);
                 self.memory.anderson.forget();
             }
@@ -257,6 +259,8 @@ impl Volumetric {
             self.precondition();
             let m = &mut self.memory;
             let step = longest(&m.step) / self.settings.diagonal;
+            // The ratio was measured without: with more damping steps are as much shorter.
+            let error = step * self.settings.error_per_step * damping / DAMPING.0;
             for ((image, p), step) in m.image.iter_mut().zip(&self.p).zip(&m.step) {
                 *image = *p + *step;
             }
@@ -278,8 +282,9 @@ impl Volumetric {
                 accepted = next <= limit;
             }
             if !accepted {
-                too_long = damping < DAMPING.2 && self.coarse.has_rigid_groups();
-                damping = (damping * DAMPING.1).min(DAMPING.2);
+                if self.coarse.has_rigid_groups() {
+                    wanted = (damping * DAMPING.1).min(DAMPING.2);
+                }
                 // Without bulk the plain step cannot raise the energy, except by rotations that one Newton step leaves inexact.
                 let m = &mut self.memory;
                 m.anderson.forget();
@@ -302,30 +307,16 @@ impl Volumetric {
                     }
                     if next.is_nan() || next > energy * (1.0 + HARMLESS) + rounding {
                         // No way down from here: the pose stays.
-                        return FrameStats {
-                            passes,
-                            step,
-                            error: Some(step * self.settings.error_per_step),
-                            converged: false,
-                            energy,
-                            ..Default::default()
-                        };
+                        return FrameStats { passes, step, error: Some(error), converged: false, energy, ..Default::default() };
                     }
                 }
             }
             std::mem::swap(&mut self.p, &mut self.memory.trial);
             energy = next;
             self.memory.energies.push(energy);
-            let converged = step * self.settings.error_per_step < self.settings.tolerance * ERROR_PER_STEP;
+            let converged = error < self.settings.tolerance * ERROR_PER_STEP;
             if converged || passes >= cap || !step.is_finite() {
-                return FrameStats {
-                    passes,
-                    step,
-                    error: Some(step * self.settings.error_per_step),
-                    converged,
-                    energy,
-                    ..Default::default()
-                };
+                return FrameStats { passes, step, error: Some(error), converged, energy, ..Default::default() };
             }
         }
     }
