@@ -40,7 +40,7 @@ use std::time::Instant;
 /// Everything that is decided and computed before the first frame.
 pub(super) struct Setup {
     pub(super) scan: Arc<Scan>,
-    /// Faces of the scan as it was read: floors are left out, and limbs that have grown together are cut.
+    /// Faces of the scan as it was read, before floors are left out and limbs that have grown together are cut.
     pub(super) faces_read: usize,
     pub(super) capture: Capture,
     /// The file of the static trial, by the command line or by the rig file.

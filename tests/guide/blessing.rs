@@ -62,7 +62,7 @@ fn with_dots(old: &str, new: &str) -> String {
     let new = without_seconds(new);
     let (old, new): (Vec<&str>, Vec<&str>) = (old.split(' ').collect(), new.split(' ').collect());
     let (mut out, mut at) = (Vec::new(), 0);
-    for (k, _) in old.iter().enumerate().filter(|(_, word)| **word == "...") {
+    for (k, (prefix, suffix)) in old.iter().enumerate().filter_map(|(k, word)| Some((k, word.split_once("...")?))) {
         let begin = match k.checked_sub(1) {
             None => Some(0),
             Some(before) => new[at..].iter().position(|word| *word == old[before]).map(|n| at + n + 1),
@@ -71,9 +71,13 @@ fn with_dots(old: &str, new: &str) -> String {
             None => Some(new.len()),
             Some(after) => new[begin..].iter().position(|word| word == after).map(|n| begin + n),
         });
-        if let (Some(begin), Some(end)) = (begin, end) {
+        if let (Some(begin), Some(end)) = (begin, end)
+            && begin < end
+            && new[begin].starts_with(prefix)
+            && new[end - 1].ends_with(suffix)
+        {
             out.extend_from_slice(&new[at..begin]);
-            out.push("...");
+            out.push(old[k]);
             at = end;
         }
     }
@@ -88,6 +92,10 @@ fn placeholders_outlive_a_change_of_the_lines_around_them() {
     assert_eq!(renewed(&shown, &printed), ["scan  a.obj  6 vertices", "...", "write  a.glb", "done ... s · 40 of 41 · rms ..."]);
     // Lines that are as shown keep their own words, also where others come and go.
     assert_eq!(renewed(&["a 1.00", "b", "c ... d"], &["a 1.02", "new", "c x y d", "e"]), ["a 1.00", "new", "c ... d", "e"]);
+    assert_eq!(
+        renewed(&["worst 1 (LFWT, frame ...) of ..."], &["worst 2 (RTOE, frame 309) of 400"]),
+        ["worst 2 (RTOE, frame ...) of ..."]
+    );
     assert_eq!(renewed(&["a", "..."], &["b"]), ["b", "..."]);
     assert_eq!(renewed(&["..."], &["b", "c"]), ["..."]);
     assert_eq!(renewed(&[], &["done 2.6 s"]), ["done ... s"]);

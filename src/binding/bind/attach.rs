@@ -98,7 +98,8 @@ impl Human<'_> {
             }
             let residual = twin.and_then(|i| fitted.of(posed, i)).map(|r| r / self.skeleton.stature);
             let leaves = strays.iter().find(|s| s.0 == marker).map(|s| s.1);
-            // Beside named markers a guess has less of a say: a backrest moves nearly as the one does who leans on it.
+            // An unnamed marker that moves against its segment by more than half of what a prop may pulls softly: a backrest moves nearly as the one
+            // does who leans on it.
             let apart_by = assigned.iter().find(|a| named.is_none() && a.marker == marker).map_or(0.0, |a| a.movement);
             let soft = residual.is_some_and(|r| r > DOUBTFUL) || leaves.is_some_and(|l| l > LEAVES) || apart_by > 0.5 * PROP;
             if soft {

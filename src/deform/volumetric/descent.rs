@@ -259,7 +259,7 @@ impl Volumetric {
             self.precondition();
             let m = &mut self.memory;
             let step = longest(&m.step) / self.settings.diagonal;
-            // The ratio was measured without: with more damping steps are as much shorter.
+            // The ratio was measured with the least damping: with more of it steps are shorter by up to as much.
             let error = step * self.settings.error_per_step * damping / DAMPING.0;
             for ((image, p), step) in m.image.iter_mut().zip(&self.p).zip(&m.step) {
                 *image = *p + *step;

@@ -336,8 +336,8 @@ fn a_rigid_group_moves_rigidly_also_in_two_parts() {
     }
 }
 
-/// An end that nothing holds, as a hand without markers, turns in its joint: with the damping that its own stiffness asks for, 12 of these frames were
-/// not solved.
+/// An end that nothing holds, as a hand without markers, turns in its joint: with the damping that its own stiffness asks for, 12 of these frames would
+/// not be solved.
 #[test]
 fn a_free_rigid_end_turns_in_its_joint() {
     let (proxy, length) = bar(60);

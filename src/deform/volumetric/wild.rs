@@ -1,4 +1,4 @@
-//! Markers that jump about and tear the body: what no take should hold, and some do. Only here steps have to be taken back.
+//! Markers that jump about and tear the body: what no take should hold, and some do.
 #![allow(clippy::unwrap_used)]
 
 use super::laws::{block, distance, noise, on_vertex, targets_of, to_the_end, twisted};
