@@ -7,6 +7,7 @@ mod normals;
 mod paper;
 mod pieces;
 mod ring;
+mod side;
 
 pub use fans::Fans;
 pub use normals::NormalVertices;
@@ -26,7 +27,7 @@ pub const BATCH: usize = 8;
 ///
 /// [`MapKind::Ring`]: every boundary face of the proxy carries an affine map, its posed centre and the mean gradient of the tetrahedra
 /// around it; a scan vertex blends the maps of the faces around its foot point on the boundary. [`MapKind::Paper`]: one sparse row per
-/// vertex. Both are exact on affine maps. Memory: about 120 and 4,000 bytes per vertex.
+/// vertex. Both are exact on affine maps. Memory: about 75 and 4,000 bytes per vertex.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SurfaceMap {
     kind: Kind,

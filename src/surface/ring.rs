@@ -6,6 +6,7 @@ mod weights;
 use super::Apart;
 use super::apply::{Avx2, Indices, Pool, chunks, pack};
 use super::pieces::loose_pieces;
+use super::side::{GROUP, Side, hand_out};
 use crate::linalg::SparseRow;
 use crate::proxy::Proxy;
 use crate::proxy::rows::{RingMaps, RowSum};
@@ -137,7 +138,7 @@ impl RingMap {
         out: &mut [Vec<[f32; 3]>],
     ) {
         chunks(out, &|first, out| {
-            let blend = Blend { map: self, faces, affine, origins };
+            let blend = Blend { avx2, map: self, faces, affine, origins };
             match avx2 {
                 #[cfg(target_arch = "x86_64")]
                 // SAFETY: the processor has AVX2.
@@ -192,11 +193,9 @@ fn face_maps<const W: usize>(map: &RingMap, packed: &[[[f64; W]; 3]], first: usi
     }
 }
 
-/// Vertices that are blended before their lanes are handed out to the frames: in one loop the compiler would mix up the two shapes.
-const GROUP: usize = 32;
-
 /// The inner loop over pairs.
 struct Blend<'a, const W: usize, I> {
+    avx2: Option<Avx2>,
     map: &'a RingMap,
     faces: &'a [I],
     affine: &'a [[[f32; W]; 12]],
@@ -213,22 +212,18 @@ impl<const W: usize, I: Copy + Into<u32>> Blend<'_, W, I> {
     #[inline(always)]
     fn vertices(&self, first: usize, out: &mut [&mut [[f32; 3]]; W]) {
         let count = out[0].len();
-        let mut mapped = [[[0.0f32; W]; 3]; GROUP];
+        let mut mapped: [Side<W>; GROUP] = [[[0.0; W]; 3]; GROUP];
         for begin in (0..count).step_by(GROUP) {
             let end = count.min(begin + GROUP);
             for (vertex, mapped) in (first + begin..first + end).zip(&mut mapped) {
                 self.vertex(vertex, mapped);
             }
-            for (lane, frame) in out.iter_mut().enumerate() {
-                for (to, mapped) in frame.get_mut(begin..end).into_iter().flatten().zip(&mapped) {
-                    *to = [mapped[0][lane], mapped[1][lane], mapped[2][lane]];
-                }
-            }
+            hand_out(self.avx2, &mapped[..end - begin], begin, out);
         }
     }
 
     #[inline(always)]
-    fn vertex(&self, vertex: usize, mapped: &mut [[f32; W]; 3]) {
+    fn vertex(&self, vertex: usize, mapped: &mut Side<W>) {
         let Pairs { starts, weights, .. } = &self.map.pairs;
         let range = starts[vertex] as usize..starts[vertex + 1] as usize;
         let mut sum = [[0.0f32; W]; 12];

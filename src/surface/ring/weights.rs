@@ -1,14 +1,14 @@
-//! Weights of boundary faces: a Wendland function around the foot point, faded by the distance along the boundary.
+//! Weights of boundary faces: a biweight function around the foot point, faded by the distance along the boundary.
 //!
-//! The radius is 1.5 × the distance of the eighth nearest face centre: 15 faces or so at any density of faces, and as smooth as the paper's
-//! fixed radius. Around the foot point, not the vertex: debris far off the body would else take thousands of faces. The fade keeps an arm
+//! The radius is 1.12 × the distance of the eighth nearest face centre: nine faces or so at any density of faces. It is as wide, by its second
+//! moment, as the paper's Wendland function over 1.5 times that distance, whose outer half of 17 faces has 2 % of the weight: poses of real
+//! takes differ by 0.02 mm, the angles between faces by 2 %, and half as much is to be read and blended. Around the foot point, not the vertex: debris far off the body would else take thousands of faces. The fade keeps an arm
 //! from following the trunk beside it.
 
 use super::super::Apart;
 use super::super::apply::Indices;
 use super::Pairs;
 use crate::proxy::Proxy;
-use crate::proxy::rows::wendland;
 use crate::spatial::{Neighbour, PointTree, TriangleTree};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -16,7 +16,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 const NEAREST: usize = 8;
-const RADII: f64 = 1.5;
+const RADII: f64 = 1.12;
 /// A way along the boundary counts in full only beyond this multiple of the straight distance.
 const DETOUR: f64 = 1.5;
 /// Weights below this share of a vertex's sum are left out; what they would move is below single precision.
@@ -201,7 +201,7 @@ impl<'a> Stars<'a> {
             }
             let ways = to_sources.iter().zip(ways.chunks_exact(near.len())).map(|(to, ways)| to + ways[k]);
             let way = ways.fold(f64::INFINITY, f64::min);
-            wendland(squared.sqrt().max(way / DETOUR) / radius)
+            biweight(squared.sqrt().max(way / DETOUR) / radius)
         }));
         let mut total: f64 = weights.iter().sum();
         if total <= 0.0 {
@@ -212,6 +212,12 @@ impl<'a> Stars<'a> {
         }
         store(near, weights, total, found);
     }
+}
+
+/// Smooth, 1 at 0, and 0 from 1 on.
+fn biweight(t: f64) -> f64 {
+    let rest = 1.0 - t.min(1.0).powi(2);
+    rest * rest
 }
 
 /// Stores the weights in single precision so that their sum is 1 to the last bit or two.
