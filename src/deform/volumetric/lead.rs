@@ -2,6 +2,8 @@
 //!
 //! A pose is predicted by going on from the last one as from the one before to the last. Where the targets stop or turn round, that leads away from the
 //! answer, and where a pose still creeps towards its minimum, it repeats the creep for ever. So the prediction goes on as far as the targets do.
+//! A mixture of the last two to four moves, fitted to the targets with a ridge, saves a walk at 30 Hz one pass of eight and costs one at 120 Hz as much:
+//! where there are no targets it magnifies what the last frames were off.
 
 use crate::linalg::lanes::Lanes;
 
