@@ -151,6 +151,8 @@ pub enum Evidence {
     File,
     /// Read off the shape or the motion.
     Shape,
+    /// Names of parts say so.
+    Names,
     /// From the size of the thing.
     Size,
     /// The user said so.
@@ -166,6 +168,7 @@ impl fmt::Display for Evidence {
         f.write_str(match self {
             Evidence::File => "file",
             Evidence::Shape => "shape",
+            Evidence::Names => "names",
             Evidence::Size => "size",
             Evidence::User => "you",
             Evidence::Rig => "rig file",

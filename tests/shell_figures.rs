@@ -377,7 +377,7 @@ fn set(name: &str, rest: &str) -> Option<Set> {
     let scan = scan::read(&files.remove(at)).unwrap();
     let unit = UnitBox::of(&scan.mesh).unwrap();
     let enter = |points: &[DVec3]| points.iter().map(|p| unit.enter(*p)).collect::<Vec<_>>();
-    let poses = scan::read_poses(&scan, &files, &mut Notes::default()).unwrap();
+    let poses = scan::read_poses(&scan, &files, false, &mut Notes::default()).unwrap();
     Some(Set {
         points: enter(&scan.mesh.positions),
         triangles: scan.mesh.vertex_triangles(),

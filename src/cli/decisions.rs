@@ -273,7 +273,8 @@ pub(super) fn done_line(outcome: &Outcome, total: f64, names: &[&str], metres: O
     if let Some((worst, handle, frame)) = outcome.worst {
         parts.push(format!(
             "residual median {}, worst {} ({}, frame {frame})",
-            residual_words(outcome.residuals.quantile(0.5), metres),
+            // The histogram knows no figure below its first bin.
+            residual_words(outcome.residuals.quantile(0.5).min(worst), metres),
             residual_words(worst, metres),
             names[handle]
         ));

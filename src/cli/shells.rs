@@ -291,10 +291,8 @@ impl Examples {
     ) -> Result<Self> {
         let scale = scale.unwrap_or_default();
         let mut own = Notes::default();
-        let poses = read_poses(scan, files, &mut own)?;
-        if scale == ExampleScale::One {
-            notes.extend(own);
-        }
+        let poses = read_poses(scan, files, scale == ExampleScale::Auto, &mut own)?;
+        notes.extend(own);
         let mut examples = Self::default();
         for Pose { name, positions, scale: size } in poses {
             let factor = if scale == ExampleScale::Auto && size > 0.0 { 1.0 / size } else { 1.0 };

@@ -147,7 +147,9 @@ impl Joint {
     pub fn is_sure(&self) -> bool {
         let seen = matches!(self.evidence, Evidence::Contact | Evidence::Collar) && self.samples >= ENOUGH && !self.closes_loop;
         let sure = if self.evidence == Evidence::Collar { SURE_COLLAR } else { SURE };
-        seen && if self.kind == Kind::Fixed { self.spread < SURELY_FIXED } else { self.gap >= sure }
+        // What lies flat on another part may be screwed to it, and what is round and cannot turn is round for another reason.
+        let doubtful = self.kind == Kind::Plane || self.angle.is_some_and(|(lo, hi)| hi - lo < SURE_TURN);
+        seen && !doubtful && if self.kind == Kind::Fixed { self.spread < SURELY_FIXED } else { self.gap >= sure }
     }
 }
 
@@ -167,6 +169,8 @@ const SURE: f64 = 30.0;
 /// The same of a flange, which may be bolted.
 const SURE_COLLAR: f64 = 150.0;
 const SURELY_FIXED: f64 = 10.0;
+/// What turns by less is not sure to be meant to.
+const SURE_TURN: f64 = 60.0 * std::f64::consts::PI / 180.0;
 
 /// The joints of all pairs of parts that touch; parts that touch nothing are looked at with a longer reach. `size`: diagonal of the model.
 ///

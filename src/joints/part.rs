@@ -37,7 +37,7 @@ pub struct Part {
 }
 
 impl Part {
-    /// A part from triangles over `points`. `size`: diagonal of the whole model.
+    /// A part from triangles over `points`; a closed one that is inside out is turned round. `size`: diagonal of the whole model.
     pub fn new(name: &str, points: &[DVec3], triangles: &[[u32; 3]], size: f64) -> Self {
         let (points, mut triangles) = weld(points, triangles, WELD * size);
         let cross = |t: &[u32; 3]| {
@@ -45,6 +45,12 @@ impl Part {
             (b - a).cross(c - a)
         };
         triangles.retain(|t| cross(t).length() > 1e-14 * size * size);
+        // What is closed has its faces outwards.
+        let middle = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
+        let volume: f64 = triangles.iter().map(|t| (points[t[0] as usize] - middle).dot(cross(t))).sum();
+        if volume < 0.0 && is_closed(&triangles) {
+            triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        }
         let areas: Vec<f64> = triangles.iter().map(|t| 0.5 * cross(t).length()).collect();
         let normals: Vec<DVec3> = triangles.iter().map(|t| cross(t).normalize_or_zero()).collect();
         let corner_normals = corner_normals(&points, &triangles, &normals);
@@ -59,11 +65,7 @@ impl Part {
 
     /// Whether the surface encloses something: hardly any edge belongs to one triangle alone.
     pub fn is_closed(&self) -> bool {
-        let mut edges: Vec<(u32, u32)> =
-            self.triangles.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).map(|(a, b)| (a.min(b), a.max(b))).collect();
-        edges.sort_unstable();
-        let open = edges.chunk_by(|a, b| a == b).filter(|same| same.len() == 1).count();
-        open * 100 <= edges.len()
+        is_closed(&self.triangles)
     }
 
     /// Diagonal of its box.
@@ -117,6 +119,14 @@ impl Part {
         }
         self.tree.closest(p).map_or(f64::NEG_INFINITY, |c| c.distance)
     }
+}
+
+fn is_closed(triangles: &[[u32; 3]]) -> bool {
+    let mut edges: Vec<(u32, u32)> =
+        triangles.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).map(|(a, b)| (a.min(b), a.max(b))).collect();
+    edges.sort_unstable();
+    let open = edges.chunk_by(|a, b| a == b).filter(|same| same.len() == 1).count();
+    open * 100 <= edges.len()
 }
 
 /// What of a triangle lies in a box, as triangles (Sutherland, Hodgman 1974).
@@ -180,7 +190,7 @@ fn weld(points: &[DVec3], triangles: &[[u32; 3]], tolerance: f64) -> (Vec<DVec3>
     let mut place = |v: u32| {
         *of_vertex.entry(v).or_insert_with(|| {
             let p = points[v as usize];
-            let cell = |shift: DVec3| ((p + shift) / tolerance).round().to_array().map(|x| x as i64);
+            let cell = |shift: DVec3| ((p + shift) / tolerance).floor().to_array().map(|x| x as i64);
             let near = (0..8).map(|k| {
                 let sign = |bit: i32| if k & bit == 0 { -0.5 } else { 0.5 };
                 cell(DVec3::new(sign(1), sign(2), sign(4)) * tolerance)
@@ -217,4 +227,42 @@ fn corner_normals(points: &[DVec3], triangles: &[[u32; 3]], normals: &[DVec3]) -
         sum.normalize_or(own)
     };
     triangles.iter().enumerate().map(|(t, corners)| corners.map(|v| normal(t, v))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    /// A box with a corner in the origin, every triangle with vertices of its own.
+    fn soup() -> (Vec<DVec3>, Vec<[u32; 3]>) {
+        let corner = |k: usize| DVec3::new((k & 1) as f64, (k >> 1 & 1) as f64 * 2.0, (k >> 2) as f64 * 3.0);
+        let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        let points: Vec<DVec3> = quads.iter().flat_map(|&[a, b, c, d]| [a, b, c, a, c, d]).map(corner).collect();
+        let triangles = (0..points.len() as u32 / 3).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+        (points, triangles)
+    }
+
+    #[test]
+    fn vertices_in_one_place_are_one_on_either_side_of_zero() {
+        let (points, triangles) = soup();
+        for shift in [0.0, -0.5, -1.0, 1e3] {
+            let shifted: Vec<DVec3> = points.iter().map(|p| *p + shift).collect();
+            let part = Part::new("box", &shifted, &triangles, 4.0);
+            assert_eq!((part.points.len(), part.triangles.len()), (8, 12), "{shift}");
+            assert!(part.is_closed());
+        }
+    }
+
+    #[test]
+    fn what_is_inside_out_is_turned_round() {
+        let (points, triangles) = soup();
+        let turned: Vec<[u32; 3]> = triangles.iter().map(|&[a, b, c]| [a, c, b]).collect();
+        let depth = |triangles: &[[u32; 3]]| Part::new("box", &points, triangles, 4.0).depth(DVec3::new(0.5, 1.0, 1.5));
+        assert_eq!((depth(&triangles), depth(&turned)), (0.5, 0.5));
+        // An open one has no inside: it stays as it is.
+        let open = Part::new("box", &points, &turned[2..], 4.0);
+        assert_eq!(open.normals[0], -Part::new("box", &points, &triangles[2..], 4.0).normals[0]);
+    }
 }

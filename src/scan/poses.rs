@@ -10,6 +10,11 @@ use std::path::{Path, PathBuf};
 const EXTENT: std::ops::RangeInclusive<f64> = 0.2..=5.0;
 /// Change of the length of edges, the median of all, from which a pose has another scale.
 const SCALE: f64 = 0.02;
+/// Lengths of edges change within this factor, but for a share of them; else the vertices are those of another order.
+const STRETCH: f64 = 3.0;
+const STRETCHED: f64 = 0.25;
+/// A surface encloses something where its volume is this share of its area to the power of 3/2 (a sphere: 0.094, a person: 0.03).
+const SOLID: f64 = 0.005;
 
 /// A pose of a scan.
 #[derive(Clone, Debug)]
@@ -23,11 +28,11 @@ pub struct Pose {
 }
 
 /// Reads poses of `scan` from meshes with the same vertices and faces: files as [`super::read`] takes them, folders of such (by name), and glTF files
-/// with morph targets, of which each is a pose.
+/// with morph targets, of which each is a pose. `any_size`: in any unit.
 ///
 /// # Errors
-/// A file that cannot be read, or holds another mesh: which vertex or face differs first.
-pub fn read_poses(scan: &Scan, paths: &[PathBuf], notes: &mut Notes) -> Result<Vec<Pose>> {
+/// A file that cannot be read, or holds another mesh: which vertex or face differs first; one that is mirrored, or whose vertices are in another order.
+pub fn read_poses(scan: &Scan, paths: &[PathBuf], any_size: bool, notes: &mut Notes) -> Result<Vec<Pose>> {
     let mut poses = Vec::new();
     for path in paths {
         if path.is_dir() {
@@ -38,13 +43,13 @@ pub fn read_poses(scan: &Scan, paths: &[PathBuf], notes: &mut Notes) -> Result<V
                     .expected("OBJ, PLY, OFF or glTF files"));
             }
             for file in files {
-                read_file(scan, &file, &mut poses)?;
+                read_file(scan, &file, any_size, &mut poses)?;
             }
         } else {
-            read_file(scan, path, &mut poses)?;
+            read_file(scan, path, any_size, &mut poses)?;
         }
     }
-    for pose in &poses {
+    for pose in poses.iter().filter(|_| !any_size) {
         if (pose.scale - 1.0).abs() > SCALE {
             notes.warn(format!(
                 "the edges of example {} are {} times as long as those of the scan: taken as they are (--example-scale auto makes them alike)",
@@ -71,24 +76,24 @@ fn files_of(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-fn read_file(scan: &Scan, path: &Path, poses: &mut Vec<Pose>) -> Result<()> {
+fn read_file(scan: &Scan, path: &Path, any_size: bool, poses: &mut Vec<Pose>) -> Result<()> {
     let stem = |p: &Path| p.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let content = source::load(path)?;
     if matches!(source::format(&content.name, &content.bytes)?, source::Format::Gltf) {
         let targets = gltf::read_targets(&content.bytes, path, &content.beside)?;
         if !targets.is_empty() {
             for (name, target) in targets {
-                poses.push(pose(scan, &target, format!("{}:{name}", stem(path)), path)?);
+                poses.push(pose(scan, &target, format!("{}:{name}", stem(path)), path, any_size)?);
             }
             return Ok(());
         }
     }
     let other = super::read(path)?;
-    poses.push(pose(scan, &other, stem(path), path)?);
+    poses.push(pose(scan, &other, stem(path), path, any_size)?);
     Ok(())
 }
 
-fn pose(scan: &Scan, other: &Scan, name: String, path: &Path) -> Result<Pose> {
+fn pose(scan: &Scan, other: &Scan, name: String, path: &Path, any_size: bool) -> Result<Pose> {
     let of_scan = scan.source.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let (here, there) = (&scan.mesh, &other.mesh);
     let refused = |found: String| Error::refused(found).file(path);
@@ -121,15 +126,33 @@ fn pose(scan: &Scan, other: &Scan, name: String, path: &Path) -> Result<Pose> {
                 .hint("export every pose from the same mesh"));
         }
     }
-    let extent = |mesh: &super::SurfaceMesh| super::UnitBox::of(mesh).map_or(0.0, |b| b.diagonal);
-    let ratio = extent(there) / extent(here);
-    if !EXTENT.contains(&ratio) {
-        return Err(refused(format!("{} times as large as {of_scan}", words::digits(ratio)))
-            .expected("the scan in another pose, in the same unit")
-            .hint("export it in the unit of the scan"));
-    }
     let (at_rest, posed) = (edges(&here.faces, &here.positions), edges(&here.faces, &there.positions));
-    let scale = median(at_rest.iter().zip(&posed).filter(|(rest, _)| **rest > 0.0).map(|(rest, posed)| posed / rest).collect());
+    let ratios: Vec<f64> =
+        at_rest.iter().zip(&posed).filter(|(rest, _)| **rest > 0.0).map(|(rest, posed)| posed / rest).collect();
+    let scale = median(ratios.clone());
+    let stretched = ratios.iter().filter(|&&r| !(scale / STRETCH..=scale * STRETCH).contains(&r)).count();
+    if stretched as f64 > STRETCHED * ratios.len() as f64 {
+        let share = 100.0 * stretched as f64 / ratios.len() as f64;
+        return Err(refused(format!(
+            "{share:.0} % of its edges are more than {STRETCH} times longer or shorter than those of {of_scan}"
+        ))
+        .expected("the scan's own vertices, in the same order, in another pose")
+        .hint("export every pose from the same mesh with its vertices in the same order"));
+    }
+    let extent = |mesh: &super::SurfaceMesh| super::UnitBox::of(mesh).map_or(0.0, |b| b.diagonal);
+    let size = if any_size { scale } else { 1.0 };
+    let ratio = extent(there) / (extent(here) * size);
+    if !EXTENT.contains(&ratio) {
+        let times = format!("{} times as large as {of_scan}", words::digits(ratio));
+        return Err(refused(times)
+            .expected("the scan in another pose, in the same unit")
+            .hint("--example-scale auto, or export it in the unit of the scan"));
+    }
+    if is_solid(here, &here.positions) * is_solid(here, &there.positions) < 0.0 {
+        return Err(refused(format!("it is mirrored: what is outside in {of_scan} is inside here"))
+            .expected("the scan in another pose")
+            .hint("export it without a mirrored axis"));
+    }
     Ok(Pose { name, positions: there.positions.clone(), scale })
 }
 
@@ -155,6 +178,21 @@ fn edges(faces: &super::Faces, positions: &[DVec3]) -> Vec<f64> {
     faces.iter().flat_map(around).collect()
 }
 
+/// 1 where the faces enclose a volume, −1 where they do so inside out, 0 where they enclose hardly any.
+fn is_solid(mesh: &super::SurfaceMesh, positions: &[DVec3]) -> f64 {
+    let middle = positions.iter().sum::<DVec3>() / positions.len().max(1) as f64;
+    let (mut volume, mut area) = (0.0, 0.0);
+    for face in mesh.faces.iter() {
+        let at = |k: usize| positions[face[k] as usize] - middle;
+        for k in 1..face.len().saturating_sub(1) {
+            let cross = (at(k) - at(0)).cross(at(k + 1) - at(0));
+            volume += at(0).dot(cross) / 6.0;
+            area += cross.length() / 2.0;
+        }
+    }
+    if f64::abs(volume) > SOLID * area.powf(1.5) { volume.signum() } else { 0.0 }
+}
+
 fn median(mut values: Vec<f64>) -> f64 {
     if values.is_empty() {
         return 0.0;
@@ -177,12 +215,16 @@ mod tests {
 
     /// The scan, and the poses of a file beside it.
     fn read_text(text: &str) -> (Result<Vec<Pose>>, Notes) {
+        read_of_size(text, false)
+    }
+
+    fn read_of_size(text: &str, any_size: bool) -> (Result<Vec<Pose>>, Notes) {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("scan.obj"), obj(1.0, FACES)).unwrap();
         std::fs::write(folder.path().join("pose.obj"), text).unwrap();
         let scan = super::super::read(&folder.path().join("scan.obj")).unwrap();
         let mut notes = Notes::default();
-        (read_poses(&scan, &[folder.path().join("pose.obj")], &mut notes), notes)
+        (read_poses(&scan, &[folder.path().join("pose.obj")], any_size, &mut notes), notes)
     }
 
     #[test]
@@ -213,6 +255,10 @@ mod tests {
         assert!(fewer.contains("face 4 is nothing more"), "{fewer}");
         let giant = text(&obj(1000.0, FACES));
         assert!(giant.contains("1000 times as large") || giant.contains("1,000 times as large"), "{giant}");
+        let (poses, notes) = read_of_size(&obj(1000.0, FACES), true);
+        assert!((poses.unwrap()[0].scale - 1000.0).abs() < 1e-9 && notes.is_empty());
+        let mirrored = text(&obj(1.0, FACES).replace("v 1 0 0", "v -1 0 0"));
+        assert!(mirrored.contains("it is mirrored"), "{mirrored}");
     }
 
     #[test]
@@ -222,10 +268,10 @@ mod tests {
             std::fs::write(folder.path().join(name), obj(size, FACES)).unwrap();
         }
         let scan = super::super::read(&folder.path().join("a.obj")).unwrap();
-        let poses = read_poses(&scan, &[folder.path().to_owned()], &mut Notes::default()).unwrap();
+        let poses = read_poses(&scan, &[folder.path().to_owned()], false, &mut Notes::default()).unwrap();
         assert_eq!(poses.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["a.obj", "b.obj"]);
         std::fs::remove_file(folder.path().join("a.obj")).unwrap();
         std::fs::remove_file(folder.path().join("b.obj")).unwrap();
-        assert!(read_poses(&scan, &[folder.path().to_owned()], &mut Notes::default()).is_err());
+        assert!(read_poses(&scan, &[folder.path().to_owned()], false, &mut Notes::default()).is_err());
     }
 }

@@ -118,6 +118,16 @@ fn a_hinge_is_found_written_fed_back_and_driven() {
         assert!(first[k].distance(place.apply(*p)) < 1e-5, "vertex {k} in the first frame");
         assert!(last[k].distance(place.apply(there)) < 2e-4, "vertex {k}: {} off", last[k].distance(place.apply(there)));
     }
+    // Without components every object is one.
+    let mut bare = rig;
+    bare.components.clear();
+    std::fs::write(at.join("bare.toml"), bare.to_text().expect("text")).expect("a file");
+    let run = retarget(at, &["hinge.obj", "drive.csv", "--rig", "bare.toml", "-o", "bare_####.obj"]);
+    assert!(run.status.success(), "{}", words(&run));
+    assert!(
+        std::fs::read(at.join("bare_0011.obj")).expect("a frame") == std::fs::read(at.join("1/f_0011.obj")).expect("a frame")
+    );
+
     let report: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(at.join("1/r.json")).expect("a report")).expect("JSON");
     assert_eq!(report["frames"].as_array().expect("frames").len(), 12);

@@ -286,17 +286,20 @@ pub(super) fn check(components: &[ComponentSection], joints: &[JointSection], bi
             }
         }
     }
+    // Without components every piece of the mesh is one, which is not known here.
     let known = |side: &str| match side.split_once('/') {
+        None if components.is_empty() => true,
         None => components.iter().any(|p| p.name == side),
         Some((part, region)) => components.iter().any(|p| p.name == part && p.rigid.iter().any(|r| r.name == region)),
     };
     let nearest = |side: &str| {
-        components.iter().map(|p| p.name.as_str()).min_by_key(|name| strsim::levenshtein(side, name)).unwrap_or("none").to_owned()
+        let name = components.iter().map(|p| p.name.as_str()).min_by_key(|name| strsim::levenshtein(side, name));
+        name.map_or("[[component]] of kind = \"soft\", with that region in rigid".to_owned(), |name| format!("{name}?"))
     };
     for joint in joints {
         if let Some(side) = [&joint.a, &joint.b].into_iter().find(|side| !known(side)) {
             let error = Error::malformed(format!("joint {}: there is no component {side}", joint.name)).at("[[joint]]");
-            return Err(error.hint(format!("{}?", nearest(side))));
+            return Err(error.hint(nearest(side)));
         }
         if joint.a == joint.b {
             return fail("joint", format!("joint {} joins {} to itself", joint.name, joint.a), "two components");
@@ -320,7 +323,7 @@ pub(super) fn check(components: &[ComponentSection], joints: &[JointSection], bi
     for bind in binds {
         if !known(&bind.to.component) {
             let error = Error::malformed(format!("there is no component {}", bind.to.component)).at("[[bind]]");
-            return Err(error.hint(format!("{}?", nearest(&bind.to.component))));
+            return Err(error.hint(nearest(&bind.to.component)));
         }
         if let (FromSection::Marker(marker), BindKind::Orientation) = (&bind.from, bind.kind) {
             return fail(

@@ -70,7 +70,12 @@ impl Stage<'_> {
         decisions.yaw = turn;
         decisions.capture_unit = person.unit;
         decisions.capture_up = Some(person.up);
-        decisions.scan_forward = Some(Known::new(forward, Evidence::Shape));
+        let how = match (said_forward, &body) {
+            (Some(_), _) => Evidence::Rig,
+            (None, Ok(body)) if body.is_named => Evidence::Names,
+            _ => Evidence::Shape,
+        };
+        decisions.scan_forward = Some(Known::new(forward, how));
         let ground = plant.then(|| feet::ground(&self.machine.model, &drives, &person, &stand));
         Ok(Driven { binding: self.binding(decisions, &handles, take), handles, ground, words })
     }

@@ -82,9 +82,12 @@ impl Machine {
         }
         let side = |name: &str| {
             let group = groups.iter().position(|g| g.name == name).map(Side::Group);
-            group
-                .or_else(|| sections.iter().position(|s| s.name == name).map(Side::Part))
-                .ok_or_else(|| Error::malformed(format!("a joint joins {name}, which is no component")).at("[[joint]]"))
+            group.or_else(|| sections.iter().position(|s| s.name == name).map(Side::Part)).ok_or_else(|| {
+                let nearest = sections.iter().map(|s| s.name.as_str()).min_by_key(|known| strsim::levenshtein(name, known));
+                Error::malformed(format!("a joint joins {name}, which is no component"))
+                    .at("[[joint]]")
+                    .hint(format!("{}?", nearest.unwrap_or("[[component]] in the rig file")))
+            })
         };
         let mut joints = Vec::new();
         for section in &rig.joints {

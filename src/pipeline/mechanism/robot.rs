@@ -13,6 +13,8 @@ pub type Spot = (usize, DVec3);
 pub struct Robot {
     pub up: DVec3,
     pub forward: DVec3,
+    /// Whether names of its parts told left from right, and so which way it faces.
+    pub is_named: bool,
     pub pelvis: Spot,
     pub chest: usize,
     pub neck: Option<Spot>,
@@ -166,8 +168,12 @@ pub fn robot(machine: &Machine, up: DVec3, forward: Option<DVec3>) -> Result<Rob
         along.fold((0.0_f64, 0.0_f64), |(behind, ahead), d| (behind.max(-d), ahead.max(d)))
     };
     let (behind, ahead) = [0, 1].map(reach).into_iter().fold((0.0, 0.0), |sum, r| (sum.0 + r.0, sum.1 + r.1));
+    let named = sides_by_names(machine, [&legs, &arms].map(|limbs| limbs.each_ref()));
+    let is_named = forward.is_none() && named != 0.0;
     let forward = match forward {
         Some(forward) => flat(forward).try_normalize().ok_or("no front: scan_forward points up or down")?,
+        // The first is the left one where this goes ahead.
+        None if is_named => across * named,
         None if bends.abs() > UNEVEN * tall => across * bends.signum(),
         None if (ahead - behind).abs() > UNEVEN * (ahead + behind) => across * (ahead - behind).signum(),
         None => {
@@ -193,7 +199,41 @@ pub fn robot(machine: &Machine, up: DVec3, forward: Option<DVec3>) -> Result<Rob
         let above = base + up * (heights[head].1 - base.dot(up));
         (heights[head].1 > base.dot(up)).then_some((head, above))
     });
-    Ok(Robot { up, forward, pelvis: (pelvis, hips), chest, neck, crown, arms, legs, toes, floor })
+    Ok(Robot { up, forward, is_named, pelvis: (pelvis, hips), chest, neck, crown, arms, legs, toes, floor })
+}
+
+/// 1 where names of parts say that the first leg and arm are the left ones, −1 where they say the right ones, 0 where they say neither or both.
+fn sides_by_names(machine: &Machine, limbs: [[&[Spot; 3]; 2]; 2]) -> f64 {
+    // The first spot of a limb is on the trunk.
+    let parts =
+        limbs.iter().flat_map(|pair| pair.iter().enumerate().flat_map(|(k, limb)| limb[1..].iter().map(move |spot| (k, spot.0))));
+    let said: Vec<f64> = parts
+        .filter_map(|(k, part)| {
+            let left = is_left(&machine.model.parts()[part].name)?;
+            Some(if left == (k == 0) { 1.0 } else { -1.0 })
+        })
+        .collect();
+    if said.len() > 1 && said.iter().all(|&x| x == said[0]) { said[0] } else { 0.0 }
+}
+
+/// Which side the name of a part says, by a word of it: `arm_left_4_link`, `LeftShank`, `thigh.R`; `None` without or with both.
+fn is_left(name: &str) -> Option<bool> {
+    let (mut words, mut before) = (vec![String::new()], ' ');
+    for c in name.chars() {
+        if !c.is_alphabetic() || (c.is_uppercase() && before.is_lowercase()) {
+            words.push(String::new());
+        }
+        if let (true, Some(word)) = (c.is_alphabetic(), words.last_mut()) {
+            word.extend(c.to_lowercase());
+        }
+        before = c;
+    }
+    let has = |sides: [&str; 2]| words.iter().any(|w| sides.contains(&w.as_str()));
+    match (has(["left", "l"]), has(["right", "r"])) {
+        (true, false) => Some(true),
+        (false, true) => Some(false),
+        _ => None,
+    }
 }
 
 /// Where the ankle of a leg goes when the knee bends to the middle of its range; `None` where that is not known.
@@ -207,4 +247,26 @@ fn knee_bends(machine: &Machine, leg: &[Spot; 3]) -> Option<DVec3> {
     let middle = 0.5 * (lo + hi) * if joint.b == Side::Part(shank) { 1.0 } else { -1.0 };
     let arm = ankle - knee;
     Some(DQuat::from_axis_angle(joint.frame.x_axis, middle) * arm - arm)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_left;
+
+    #[test]
+    fn sides_are_words_of_names() {
+        for name in ["arm_left_4_link", "LeftShank", "left", "thigh.L", "l_foot", "leg_l"] {
+            assert_eq!(is_left(name), Some(true), "{name}");
+            let other = name
+                .replace("left", "right")
+                .replace("Left", "Right")
+                .replace(".L", ".R")
+                .replace("l_foot", "r_foot")
+                .replace("leg_l", "leg_r");
+            assert_eq!(is_left(&other), Some(false), "{other}");
+        }
+        for name in ["base_link", "cleft", "lever", "bright", "left_to_right", "part_1", ""] {
+            assert_eq!(is_left(name), None, "{name}");
+        }
+    }
 }
