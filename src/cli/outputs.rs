@@ -127,6 +127,10 @@ fn sink(path: &Path, single: bool, recording: &glb::Recording) -> Result<Box<dyn
                 .file(path)
                 .expected("a name without #"))
         }
+        ("toml", false) => Err(Error::new(Kind::Usage, "a rig file is no output of the main job")
+            .file(path)
+            .expected(FORMATS)
+            .hint("--save-rig FILE.toml, or for things made of parts: retarget joints MODEL -o RIG.toml")),
         _ => Err(Error::new(Kind::Usage, format!("unknown output format '.{extension}'")).file(path).expected(FORMATS)),
     }
 }
