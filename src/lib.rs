@@ -47,7 +47,7 @@ pub use glam;
 #[cfg(test)]
 extern crate self as retarget;
 
-pub mod batch;
+mod batch;
 mod beside;
 pub mod binding;
 mod cache;
@@ -71,5 +71,7 @@ pub mod report;
 pub mod scan;
 pub mod space;
 pub mod spatial;
+mod splitmix;
+mod statistics;
 pub mod surface;
 mod words;

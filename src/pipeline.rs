@@ -3,7 +3,7 @@
 //! Stages pass batches of eight frames through bounded channels; the batches are reused, so memory does not grow with the take.
 
 mod fading;
-pub mod grips;
+pub(crate) mod grips;
 pub mod mechanism;
 mod oriented;
 
@@ -11,8 +11,9 @@ use crate::binding::Binding;
 use crate::capture::MarkerTake;
 use crate::deform::{Deformer, Handle, OrientedHandle, Targets};
 use crate::error::{Error, Kind, Result};
-use crate::export::{FrameBatch, FrameSink, Header, Measures, Needs, Written};
-use crate::report::{FrameMeasure, ReportWriter, Residual, Spread};
+use crate::export::{FrameBatch, FrameMeasure, FrameSink, Header, Measures, Needs, Residual, Written};
+use crate::report::ReportWriter;
+use crate::statistics::Spread;
 use crate::surface::{Fans, NormalVertices};
 use fading::Fading;
 use glam::DVec3;

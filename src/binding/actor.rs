@@ -7,6 +7,7 @@ use super::{Options, refuse};
 use crate::capture::Capture;
 use crate::error::{Error, Notes, Result};
 use crate::space::{Axis, Evidence, Known, Space, Unit};
+use crate::statistics::quantile;
 use glam::DVec3;
 
 /// The captured person as the markers show it.
@@ -270,13 +271,4 @@ fn find_sides(track: &Track<'_>, names: &Names, frames: &[usize], up: DVec3) -> 
     }
     let mean = (!cosines.is_empty()).then(|| cosines.iter().sum::<f64>() / cosines.len() as f64);
     (mean, if votes_cast == 0 { 0.0 } else { agreeing as f64 / votes_cast as f64 })
-}
-
-/// The value below which a share `q` of the values lies; sorts them.
-pub(crate) fn quantile(values: &mut [f64], q: f64) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    let last = values.len().checked_sub(1)?;
-    let x = q * last as f64;
-    let (low, part) = (x.floor() as usize, x.fract());
-    Some(values[low] + (values[(low + 1).min(last)] - values[low]) * part)
 }

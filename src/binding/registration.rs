@@ -6,11 +6,11 @@
 //!
 //! Source: Besl and McKay 1992; the farthest points are left out as in Chetverikov et al. 2002.
 
-use super::actor::quantile;
 use super::similarity::{Held, Similarity, rigid, turn_between, upright};
 use super::track::Track;
 use crate::scan::{SurfaceMesh, UnitBox};
 use crate::spatial::{PointTree, TriangleTree};
+use crate::statistics::quantile;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 use std::f64::consts::{FRAC_PI_2, TAU};

@@ -1,19 +1,20 @@
 //! Vertices of a captured surface on a scan of about its shape: by their numbers where both have one connectivity, else where they lie,
 //! as they are or once the shapes are brought together.
 
-use super::actor::quantile;
-use super::bind::{Take, scan_unit, unit_factor};
 use super::landmarks::Body;
 use super::raw::{Found, bind_as_it_is, bind_found, lies_on, off_surface};
 use super::reference::frame_index;
 use super::registration::{Given, Registration, Target};
+use super::shape::{scan_unit, unit_factor};
 use super::similarity::{Held, Similarity, rigid, turn_between};
+use super::take::Take;
 use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, Turning, refuse};
 use crate::capture::{Capture, VertexTake};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::scan::SurfaceMesh;
 use crate::space::{Evidence, Known};
 use crate::spatial::PointTree;
+use crate::statistics::quantile;
 use crate::words;
 use glam::{DQuat, DVec3};
 

@@ -300,6 +300,34 @@ fn unknown_labels_go_to_the_segment_that_they_move_with() {
 }
 
 #[test]
+fn an_unknown_label_that_moves_nearly_as_a_prop_does_pulls_softly() {
+    let person = person(0.75);
+    let mut words = PLUG_IN_GAIT.to_vec();
+    words.extend(["steady", "sway"]);
+    let labels = labels_of(&words);
+    let mut seen = landmarks_of(&person, &labels_of(&PLUG_IN_GAIT));
+    let skeleton = Skeleton::of(&person.body);
+    let shank = skeleton.bone(Segment::RightShank);
+    let place = shank.origin.lerp(shank.end, 0.6) + shank.forward * 0.03;
+    seen.extend([(); 2].map(|()| Observation { marker: DVec3::ZERO, place, segment: Segment::RightShank, weight: 0.5 }));
+    let frames: Vec<Vec<DVec3>> = (0..20)
+        .map(|k| {
+            let mut frame = fit::simulate(&skeleton, &seen, &stride(k), &[]);
+            // A prop moves 2 % of height against its segment; these do 0.5 % and 1.5 %.
+            for (marker, far) in [(35, 0.005), (36, 0.015)] {
+                frame[marker] += DVec3::X * far * person.body.stature * [-1.0, 1.0][k % 2] * f64::from(u8::from(k > 0));
+            }
+            frame
+        })
+        .collect();
+    let binding = bound(&person, &take(&person, &labels, &frames, 0.4, 0.5), &Options::default()).unwrap();
+    let hardness = |label: &str| binding.handles.iter().find(|h| h.label == label).map(|h| (h.segment, h.beta < 1.0));
+    assert_eq!(hardness("steady"), Some((Some(Segment::RightShank), false)));
+    assert_eq!(hardness("sway"), Some((Some(Segment::RightShank), true)));
+    assert!(binding.notes.iter().any(|n| n.starts_with("1 doubtful marker pulls softly: sway 1.")), "{:?}", binding.notes);
+}
+
+#[test]
 fn a_capture_on_the_scan_is_bound_as_it_is() {
     let person = person(0.75);
     let labels = labels_of(&PLUG_IN_GAIT);
@@ -427,6 +455,29 @@ fn a_lower_body_set_binds_legs_and_pelvis_and_says_so() {
     assert_eq!(binding.handles.len(), 16);
     assert!(worst(&person, &labels, &binding) < 0.03, "{}", worst(&person, &labels, &binding));
     assert!(binding.notes.iter().any(|n| n.starts_with("no upper-body markers")));
+}
+
+#[test]
+fn legs_without_markers_are_said_and_not_planted() {
+    let person = person(0.75);
+    let skeleton = Skeleton::of(&person.body);
+    let bound_by = |words: &[&str]| {
+        let labels = labels_of(words);
+        let seen = landmarks_of(&person, &labels);
+        // Who stands and sways: hips that go to and fro carry the feet of legs that hang from them along.
+        let sway = |k: usize| DVec3::X * (0.004 * (k as f64 * 0.05).sin());
+        let frames: Vec<Vec<DVec3>> =
+            (0..80).map(|k| fit::simulate(&skeleton, &seen, &[], &[]).into_iter().map(|p| p + sway(k)).collect()).collect();
+        let capture = take(&person, &labels, &frames, 0.4, 0.5);
+        bound(&person, &capture, &Options { align: Align::Retarget, ..Options::default() }).unwrap()
+    };
+    let is_said = |binding: &Binding| binding.notes.iter().any(|n| n.starts_with("no markers on the legs"));
+    let whole = bound_by(&PLUG_IN_GAIT);
+    assert!(!is_said(&whole));
+    assert_eq!(whole.decisions.feet.map(|slip| slip.contacts), Some(2));
+    let upper = bound_by(&PLUG_IN_GAIT[..23]);
+    assert!(is_said(&upper), "{:?}", upper.notes);
+    assert!(upper.decisions.feet.is_none(), "{:?}", upper.decisions.feet);
 }
 
 #[test]

@@ -1,7 +1,6 @@
 //! What moves the scan: a capture, its static trial, tables of handles.
 
 use super::args::Animate;
-use super::decisions::file_name;
 use super::rig::Rig;
 use crate::binding::Binding;
 use crate::capture::handles_csv::HandleTable;
@@ -9,7 +8,7 @@ use crate::capture::resample::Sampling;
 use crate::capture::{self, Capture, ReadOptions};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::pipeline;
-use crate::words;
+use crate::words::{self, file_name};
 use std::ops::Range;
 use std::path::Path;
 

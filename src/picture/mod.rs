@@ -3,7 +3,7 @@
 //! Drawn by the program itself, so that they look the same everywhere; the same bytes for any number of threads.
 
 mod canvas;
-pub mod film;
+pub(crate) mod film;
 mod labels;
 mod lettering;
 mod raster;

@@ -2,6 +2,7 @@
 
 use super::{Scan, gltf, source};
 use crate::error::{Error, Kind, Notes, Result};
+use crate::statistics::middle;
 use crate::words;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
@@ -129,7 +130,9 @@ fn pose(scan: &Scan, other: &Scan, name: String, path: &Path) -> Result<Pose> {
             .hint("export it in the unit of the scan"));
     }
     let (at_rest, posed) = (edges(&here.faces, &here.positions), edges(&here.faces, &there.positions));
-    let scale = median(at_rest.iter().zip(&posed).filter(|(rest, _)| **rest > 0.0).map(|(rest, posed)| posed / rest).collect());
+    let mut ratios: Vec<f64> =
+        at_rest.iter().zip(&posed).filter(|(rest, _)| **rest > 0.0).map(|(rest, posed)| posed / rest).collect();
+    let scale = middle(&mut ratios).unwrap_or(0.0);
     Ok(Pose { name, positions: there.positions.clone(), scale })
 }
 
@@ -153,14 +156,6 @@ fn edges(faces: &super::Faces, positions: &[DVec3]) -> Vec<f64> {
         (0..face.len()).map(|k| at(k).distance(at(k + 1))).collect()
     };
     faces.iter().flat_map(around).collect()
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let half = values.len() / 2;
-    *values.select_nth_unstable_by(half, f64::total_cmp).1
 }
 
 #[cfg(test)]

@@ -55,14 +55,16 @@ impl Human<'_> {
                 unbound.push((label, "left out by the rig file".to_owned()));
                 continue;
             }
-            let named = take.names.places[marker].as_ref().map(super::labels::Place::segment);
+            let place = take.names.places[marker].as_ref();
+            let named = place.map(super::labels::Place::segment);
+            let assignment = assigned.iter().find(|a| a.marker == marker);
             let segment = match named {
                 Some(segment) => segment,
                 None if take.track.take.frames() < LEAST_MOTION => {
                     unbound.push((label, "unknown label in a take too short to tell its segment".to_owned()));
                     continue;
                 }
-                None => match assigned.iter().find(|a| a.marker == marker) {
+                None => match assignment {
                     Some(a) if a.movement <= PROP => a.segment,
                     Some(a) => {
                         let far = 100.0 * a.movement;
@@ -85,7 +87,6 @@ impl Human<'_> {
                 continue;
             };
             let at = start.apply(point);
-            let place = take.names.places[marker].as_ref();
             let shoulder = place.filter(|p| p.part == Part::Shoulder).map(|p| usize::from(p.side == Side::Right));
             let attachment = match align {
                 _ if place.is_some_and(|p| p.at.is_some()) => place.and_then(|p| p.at).unwrap_or(at),
@@ -98,12 +99,10 @@ impl Human<'_> {
             }
             let residual = twin.and_then(|i| fitted.of(posed, i)).map(|r| r / self.skeleton.stature);
             let leaves = strays.iter().find(|s| s.0 == marker).map(|s| s.1);
-            // An unnamed marker that moves against its segment by more than half of what a prop may pulls softly: a backrest moves nearly as the one
-            // does who leans on it.
-            let apart_by = assigned.iter().find(|a| named.is_none() && a.marker == marker).map_or(0.0, |a| a.movement);
-            let soft = residual.is_some_and(|r| r > DOUBTFUL) || leaves.is_some_and(|l| l > LEAVES) || apart_by > 0.5 * PROP;
+            let movement = assignment.map_or(0.0, |a| a.movement);
+            let soft = residual.is_some_and(|r| r > DOUBTFUL) || leaves.is_some_and(|l| l > LEAVES) || movement > NEARLY_PROP;
             if soft {
-                let percent = 100.0 * residual.unwrap_or(0.0).max(leaves.unwrap_or(0.0)).max(apart_by);
+                let percent = 100.0 * residual.unwrap_or(0.0).max(leaves.unwrap_or(0.0)).max(movement);
                 doubtful.push(format!("{label} {percent:.1} %"));
             }
             let weight = if soft { DOUBTED } else { place.map_or(UNNAMED, |p| p.weight) };

@@ -2,10 +2,11 @@
 
 use super::cast::Cast;
 use super::rig::{Pose, Rig};
-use crate::binding::actor::{quantile, unit_of_stature};
+use crate::binding::actor::unit_of_stature;
 use crate::binding::{Options, refuse};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::space::{Axis, Evidence, Known, Space, Unit};
+use crate::statistics::quantile;
 use glam::DVec3;
 
 /// Frames looked at.

@@ -3,12 +3,12 @@
 use crate::binding::{self, Options, ScanShape, landmarks};
 use crate::capture::{self, ReadOptions};
 use crate::cli::args::Inspect;
-use crate::cli::decisions::file_name;
 use crate::cli::picture::{self, Bound, Unbound};
 use crate::error::{Error, Kind, Result};
 use crate::export::files;
 use crate::scan::{self, UnitBox};
 use crate::spatial::TriangleTree;
+use crate::words::file_name;
 use glam::DVec3;
 use std::path::Path;
 
