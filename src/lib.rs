@@ -55,6 +55,7 @@ pub mod capture;
 pub mod cli;
 pub mod deform;
 mod disjoint;
+mod equal;
 pub mod error;
 pub mod export;
 #[cfg(any(test, fuzzing))]

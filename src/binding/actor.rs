@@ -118,18 +118,7 @@ fn find_up(
     let Some((axis, confidence)) = measured else {
         return Ok(space.up.unwrap_or(Known::new(Axis { index: 2, negative: false }, Evidence::Default)));
     };
-    if confidence < 0.5 {
-        let error = Error::refused(format!(
-            "which way is up in the capture is unclear: feet and trunk agree on {axis} by {confidence:.2} only"
-        ))
-        .expected("0.5 or more (1 = upright throughout)")
-        .hint("--capture-up +Z (or the axis that points up)");
-        refuse(error, options, notes)?;
-    } else if confidence < 0.8 {
-        notes.warn(format!(
-            "the actor is not upright for much of the take ({axis} up by {confidence:.2}); --capture-up sets the axis"
-        ));
-    }
+    check_up((axis, confidence), "trunk", "+Z", options, notes)?;
     let how = match space.up {
         Some(file) if file.value == axis => file.how,
         Some(file) => {
@@ -271,4 +260,28 @@ fn find_sides(track: &Track<'_>, names: &Names, frames: &[usize], up: DVec3) -> 
     }
     let mean = (!cosines.is_empty()).then(|| cosines.iter().sum::<f64>() / cosines.len() as f64);
     (mean, if votes_cast == 0 { 0.0 } else { agreeing as f64 / votes_cast as f64 })
+}
+
+/// Doubts an axis that is up by little more than others, or refuses it. `trunk`: what points up from the feet; `likely`: the axis that is most often up
+/// in such files.
+pub(super) fn check_up(
+    (axis, confidence): (Axis, f64),
+    trunk: &str,
+    likely: &str,
+    options: &Options,
+    notes: &mut Notes,
+) -> Result<()> {
+    if confidence < 0.5 {
+        let error = Error::refused(format!(
+            "which way is up in the capture is unclear: feet and {trunk} agree on {axis} by {confidence:.2} only"
+        ))
+        .expected("0.5 or more (1 = upright throughout)")
+        .hint(format!("--capture-up {likely} (or the axis that points up)"));
+        refuse(error, options, notes)?;
+    } else if confidence < 0.8 {
+        notes.warn(format!(
+            "the actor is not upright for much of the take ({axis} up by {confidence:.2}); --capture-up sets the axis"
+        ));
+    }
+    Ok(())
 }

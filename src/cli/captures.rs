@@ -36,8 +36,9 @@ pub(super) fn is_table(path: &Path) -> bool {
     capture::is_handle_table(path)
 }
 
-pub(super) fn read_captures(args: &Animate, rig: &Rig) -> Result<Captures> {
-    let options = ReadOptions {
+/// What of the capture is read.
+pub(super) fn read_options(args: &Animate) -> ReadOptions {
+    ReadOptions {
         subject: args.subject.clone(),
         rate: args.rate,
         clip: args.clip.clone(),
@@ -45,7 +46,11 @@ pub(super) fn read_captures(args: &Animate, rig: &Rig) -> Result<Captures> {
         bodies: args.bodies,
         surface: args.surface,
         as_found: false,
-    };
+    }
+}
+
+pub(super) fn read_captures(args: &Animate, rig: &Rig) -> Result<Captures> {
+    let options = read_options(args);
     let mut tables = Vec::new();
     let capture = if is_table(&args.capture) {
         let table = HandleTable::read(&args.capture)?;

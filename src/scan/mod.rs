@@ -13,7 +13,6 @@ mod source;
 mod stl;
 mod text;
 mod triangulate;
-mod weld;
 
 #[cfg(any(test, fuzzing))]
 pub(crate) mod fuzz;

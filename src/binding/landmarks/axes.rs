@@ -1,13 +1,37 @@
 //! Principal axes of points.
 
-use crate::linalg::eigen;
 use glam::{DMat3, DVec3};
 
 /// Unit eigenvectors of a symmetric matrix as columns, largest eigenvalue first; right-handed.
+///
+/// Cyclic Jacobi rotations, which converge for every symmetric matrix (Golub and Van Loan, Matrix Computations, §8.5).
+/// Not [`crate::linalg::eigen`]: the last digits of every landmark, and so of every take, hang on the rounding of these lines.
 pub(super) fn principal_axes(symmetric: DMat3) -> DMat3 {
-    let (_, [_, second, first]) = eigen::symmetric(symmetric.to_cols_array_2d());
-    let first = DVec3::from_array(first).normalize_or(DVec3::X);
-    let second = DVec3::from_array(second).normalize_or(DVec3::Y);
+    let mut a = symmetric.to_cols_array_2d();
+    let mut v = DMat3::IDENTITY.to_cols_array_2d();
+    for _ in 0..24 {
+        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
+            if a[p][q] == 0.0 {
+                continue;
+            }
+            let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
+            let t = theta.signum() / (theta.abs() + theta.hypot(1.0));
+            let c = 1.0 / t.hypot(1.0);
+            let s = t * c;
+            for row in &mut a {
+                (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
+            }
+            for k in 0..3 {
+                (a[p][k], a[q][k]) = (c * a[p][k] - s * a[q][k], s * a[p][k] + c * a[q][k]);
+                (v[p][k], v[q][k]) = (c * v[p][k] - s * v[q][k], s * v[p][k] + c * v[q][k]);
+            }
+            (a[p][q], a[q][p]) = (0.0, 0.0);
+        }
+    }
+    let mut order = [0, 1, 2];
+    order.sort_by(|&i, &j| a[j][j].total_cmp(&a[i][i]));
+    let first = DVec3::from_array(v[order[0]]).normalize_or(DVec3::X);
+    let second = DVec3::from_array(v[order[1]]).normalize_or(DVec3::Y);
     DMat3::from_cols(first, second, first.cross(second))
 }
 
