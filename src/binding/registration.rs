@@ -279,7 +279,7 @@ mod tests {
     use crate::scan::Faces;
 
     fn tree(mesh: &SurfaceMesh, unit_box: UnitBox) -> TriangleTree {
-        let points: Vec<DVec3> = mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
+        let points = unit_box.enter_all(&mesh.positions);
         let vertices = |corner: u32| mesh.faces.corners[corner as usize];
         let triangles: Vec<[u32; 3]> = mesh.triangulate().corners.into_iter().map(|t| t.map(vertices)).collect();
         TriangleTree::new(&points, &triangles)

@@ -148,7 +148,7 @@ impl Poser {
         cancel: &Cancel,
         notes: &mut Notes,
     ) -> Result<Self> {
-        let points: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
+        let points = unit_box.enter_all(&scan.mesh.positions);
         let triangles = scan.mesh.vertex_triangles();
         let level = |vertices: Option<u32>| -> Result<Level> {
             let body =

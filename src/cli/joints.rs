@@ -203,7 +203,7 @@ const SURE: [u8; 3] = [30, 124, 84];
 const DOUBTFUL: [u8; 3] = [200, 62, 34];
 
 fn drawn(args: &Joints, scan: &Scan, unit_box: UnitBox, components: &[Component], found: &[Joint]) -> crate::picture::Picture {
-    let points: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
+    let points = unit_box.enter_all(&scan.mesh.positions);
     let triangles: Vec<[u32; 3]> = components.iter().flat_map(|c| c.triangles.iter().copied()).collect();
     let colors: Vec<[u8; 3]> =
         components.iter().enumerate().flat_map(|(k, c)| c.triangles.iter().map(move |_| COLORS[k % COLORS.len()])).collect();

@@ -85,7 +85,7 @@ impl Setup {
         let unit_box = UnitBox::of(&scan.mesh).ok_or_else(|| {
             Error::malformed("the mesh has no extent").file(&args.scan).expected("faces over at least two different positions")
         })?;
-        let points: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
+        let points = unit_box.enter_all(&scan.mesh.positions);
         let triangles = scan.mesh.vertex_triangles();
         let mut example_notes = Notes::default();
         let examples = Examples::read(&args.shells.examples, args.shells.example_scale, &scan, unit_box, &mut example_notes)?;

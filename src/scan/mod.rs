@@ -321,6 +321,11 @@ impl UnitBox {
         (p - self.centre) / self.diagonal
     }
 
+    /// All of them from the scan's space into the unit box.
+    pub fn enter_all(&self, points: &[DVec3]) -> Vec<DVec3> {
+        points.iter().map(|&p| self.enter(p)).collect()
+    }
+
     /// From the unit box back into the scan's space.
     pub fn leave(&self, p: DVec3) -> DVec3 {
         p * self.diagonal + self.centre
