@@ -17,8 +17,8 @@ commit=$(git rev-parse --short=12 HEAD)$(git diff --quiet HEAD -- src benches bu
 processor=$(sed -n 's/^model name[[:space:]]*: //p' /proc/cpuinfo 2>/dev/null | head -n 1)
 machine=${RETARGET_MACHINE:-"$(getconf _NPROCESSORS_ONLN) cores, ${processor:-$(uname -m)}, $(uname -s)"}
 history=benches/history.tsv
-[ -f "$history" ] || printf 'date\tcommit\tmachine\tbench\tline\n' >"$history"
 cargo build --release --locked --quiet --benches
+[ -f "$history" ] || printf 'date\tcommit\tmachine\tbench\tline\n' >"$history"
 for bench in "${benches[@]}"; do
   case $bench in
     bvh | c3d) command=(--bench "$bench") ;;

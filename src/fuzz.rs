@@ -28,60 +28,48 @@ pub const BODIES: &[(&str, Body)] = &[
 #[cfg(test)]
 pub mod mutants {
     use super::Body;
+    use crate::splitmix::Sequence;
 
     /// Mutants of each sample.
     const ROUNDS: usize = 2600;
 
-    /// A reproducible sequence of numbers (Vigna's splitmix64).
-    struct Seeded(u64);
-
-    impl Seeded {
-        fn below(&mut self, bound: usize) -> usize {
-            self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-            let mut z = self.0;
-            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-            ((z ^ (z >> 31)) % bound as u64) as usize
+    fn damage(random: &mut Sequence, sample: &[u8]) -> Vec<u8> {
+        const WORDS: [&[u8]; 8] = [b"2147483648", b"-1", b"nan", b"1e308", b"\t\t", b",,", b"\n", b"99999999999999999999"];
+        let mut bytes = sample.to_vec();
+        if random.below(5) == 0 {
+            bytes.truncate(random.below(sample.len()));
         }
-
-        fn damage(&mut self, sample: &[u8]) -> Vec<u8> {
-            const WORDS: [&[u8]; 8] = [b"2147483648", b"-1", b"nan", b"1e308", b"\t\t", b",,", b"\n", b"99999999999999999999"];
-            let mut bytes = sample.to_vec();
-            if self.below(5) == 0 {
-                bytes.truncate(self.below(sample.len()));
-            }
-            // Half of the damage goes to the first quarter, where the headers are.
-            let reach = if self.below(2) == 0 { bytes.len() / 4 } else { bytes.len() };
-            for _ in 0..(1 + self.below(5)) * reach.min(1) {
-                let at = self.below(bytes.len().min(reach.max(1)));
-                match self.below(7) {
-                    0 => bytes[at] = b"0123456789-+./,;\t\n"[self.below(18)],
-                    1 => bytes[at] = [0, 0xff, 0x7f, 0x80][self.below(4)],
-                    2 => bytes[at] ^= 1 << self.below(8),
-                    3 => bytes[at] = self.below(256) as u8,
-                    4 => drop(bytes.splice(at..at, WORDS[self.below(8)].iter().copied())),
-                    5 => drop(bytes.drain(at..(at + 1 + self.below(9)).min(bytes.len()))),
-                    _ => {
-                        let end = (at + 4).min(bytes.len());
-                        bytes[at..end].copy_from_slice(&2u32.pow(31).to_le_bytes()[..end - at]);
-                    }
-                }
-                if bytes.is_empty() {
-                    break;
+        // Half of the damage goes to the first quarter, where the headers are.
+        let reach = if random.below(2) == 0 { bytes.len() / 4 } else { bytes.len() };
+        for _ in 0..(1 + random.below(5)) * reach.min(1) {
+            let at = random.below(bytes.len().min(reach.max(1)));
+            match random.below(7) {
+                0 => bytes[at] = b"0123456789-+./,;\t\n"[random.below(18)],
+                1 => bytes[at] = [0, 0xff, 0x7f, 0x80][random.below(4)],
+                2 => bytes[at] ^= 1 << random.below(8),
+                3 => bytes[at] = random.below(256) as u8,
+                4 => drop(bytes.splice(at..at, WORDS[random.below(8)].iter().copied())),
+                5 => drop(bytes.drain(at..(at + 1 + random.below(9)).min(bytes.len()))),
+                _ => {
+                    let end = (at + 4).min(bytes.len());
+                    bytes[at..end].copy_from_slice(&2u32.pow(31).to_le_bytes()[..end - at]);
                 }
             }
-            bytes
+            if bytes.is_empty() {
+                break;
+            }
         }
+        bytes
     }
 
     /// Runs a body over each sample, over mutants of it, and over what is left when it is cut off after every byte.
     pub fn run(seed: u64, name: &str, body: Body, samples: &[Vec<u8>]) {
-        let mut seeded = Seeded(seed);
+        let mut random = Sequence(seed);
         for sample in samples {
             assert!(body(sample), "{name}");
             let mut outcomes = [0, 0];
             for _ in 0..ROUNDS {
-                outcomes[usize::from(body(&seeded.damage(sample)))] += 1;
+                outcomes[usize::from(body(&damage(&mut random, sample)))] += 1;
             }
             assert!(outcomes[0] > ROUNDS / 50 && outcomes[1] > ROUNDS / 50, "{name}: {outcomes:?} refused and read");
             // Cut off after every byte.

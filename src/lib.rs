@@ -23,7 +23,7 @@
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let scan = scan::read("scan.obj".as_ref())?;
 //! let unit_box = scan::UnitBox::of(&scan.mesh).ok_or("an empty mesh")?;
-//! let points: Vec<_> = scan.mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
+//! let points = unit_box.enter_all(&scan.mesh.positions);
 //! let proxy = proxy::build(&points, &scan.mesh.vertex_triangles(), &Default::default(), &|| Ok(()))?.proxy;
 //! let map = SurfaceMap::build_by_pieces(&proxy, &points, &scan.mesh.faces, MapKind::Ring)?;
 //!
@@ -47,7 +47,7 @@ pub use glam;
 #[cfg(test)]
 extern crate self as retarget;
 
-pub mod batch;
+mod batch;
 mod beside;
 pub mod binding;
 mod cache;
@@ -55,6 +55,7 @@ pub mod capture;
 pub mod cli;
 pub mod deform;
 mod disjoint;
+mod equal;
 pub mod error;
 pub mod export;
 #[cfg(any(test, fuzzing))]
@@ -71,5 +72,7 @@ pub mod report;
 pub mod scan;
 pub mod space;
 pub mod spatial;
+mod splitmix;
+mod statistics;
 pub mod surface;
 mod words;

@@ -1,80 +1,13 @@
 //! Measures of a run, and the report file, which is written as frames finish.
 
-use crate::deform::FrameStats;
 use crate::error::Result;
-use crate::export::Written;
 use crate::export::files::Pending;
+use crate::export::{FrameMeasure, Written, rounded};
 use serde_json::{Value, json};
 use std::path::Path;
 
 /// Version of the layout of the report file; `docs/report.schema.json` describes it.
 pub const VERSION: u32 = 1;
-
-/// How far the handles of one frame stayed from their targets, in millimetres (in the scan's unit where that is unknown).
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Residual {
-    /// Median over the handles present.
-    pub median: f64,
-    /// The largest.
-    pub max: f64,
-    /// The handle of the largest; `None` if none was present.
-    pub worst: Option<usize>,
-}
-
-/// Everything measured about one frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct FrameMeasure {
-    /// Frame in the capture's own numbering.
-    pub frame: i64,
-    /// The solver's measures.
-    pub stats: FrameStats,
-    /// Distance of handles to targets.
-    pub residual: Residual,
-    /// About how far the worst vertex is from the converged pose, in the unit of the residual; `None` with a fixed count of iterations, whose steps
-    /// tell nothing of it.
-    pub error: Option<f64>,
-    /// Milliseconds of the solve.
-    pub solve_ms: f64,
-}
-
-/// A histogram with bins of 1 %, for medians over a take of any length in constant memory.
-#[derive(Clone, Debug)]
-pub struct Spread {
-    bins: Vec<u64>,
-    total: u64,
-}
-
-impl Default for Spread {
-    fn default() -> Self {
-        Self { bins: vec![0; 3000], total: 0 }
-    }
-}
-
-impl Spread {
-    const LOWEST: f64 = 1e-6;
-    const RATIO: f64 = 1.01;
-
-    /// Adds a value; values below 1e-6 count as 1e-6.
-    pub fn add(&mut self, value: f64) {
-        let bin = (value.max(Self::LOWEST) / Self::LOWEST).ln() / Self::RATIO.ln();
-        let last = self.bins.len() - 1;
-        self.bins[(bin as usize).min(last)] += 1;
-        self.total += 1;
-    }
-
-    /// The value below which the share `q` of all values lies, within 1 %; 0 when empty.
-    pub fn quantile(&self, q: f64) -> f64 {
-        let wanted = (q * self.total as f64).ceil().max(1.0) as u64;
-        let mut seen = 0;
-        for (bin, &n) in self.bins.iter().enumerate() {
-            seen += n;
-            if seen >= wanted && self.total > 0 {
-                return Self::LOWEST * Self::RATIO.powf(bin as f64 + 0.5);
-            }
-        }
-        0.0
-    }
-}
 
 /// Text kept back until it is worth a write.
 const BUFFER: usize = 1 << 16;
@@ -162,14 +95,6 @@ impl ReportWriter {
     }
 }
 
-/// Six significant digits: more is noise, and shorter lines.
-pub(crate) fn rounded(x: f64) -> Value {
-    if !x.is_finite() {
-        return Value::Null;
-    }
-    json!(format!("{x:.5e}").parse::<f64>().unwrap_or(x))
-}
-
 /// The largest memory that the process has held so far, in megabytes; `None` where the system does not tell.
 pub fn peak_megabytes() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
@@ -182,17 +107,7 @@ pub fn peak_megabytes() -> Option<f64> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_spread_knows_its_median_within_a_percent() {
-        let mut spread = Spread::default();
-        assert_eq!(spread.quantile(0.5), 0.0);
-        for i in 1..=999 {
-            spread.add(f64::from(i) * 0.01);
-        }
-        assert!((spread.quantile(0.5) / 5.0 - 1.0).abs() < 0.012, "{}", spread.quantile(0.5));
-        assert!((spread.quantile(1.0) / 9.99 - 1.0).abs() < 0.012);
-    }
+    use crate::export::Residual;
 
     #[test]
     fn a_report_is_json_and_is_absent_until_it_is_whole() {

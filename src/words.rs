@@ -1,6 +1,7 @@
 //! Numbers, lengths and times as a person reads them.
 
 use std::collections::{HashMap, HashSet};
+use std::path::Path;
 
 /// `214878` → `214,878`.
 pub(crate) fn count(n: usize) -> String {
@@ -87,6 +88,11 @@ pub(crate) fn unique<'a>(names: impl Iterator<Item = &'a mut String>, noun: &str
         changed += 1;
     }
     changed
+}
+
+/// The last part of a path.
+pub(crate) fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 #[cfg(test)]

@@ -380,6 +380,70 @@ fn a_table_of_handles_is_no_static_trial() {
     assert!(!output.status.success() && said(&output).contains("reach.csv: is a table of handles"), "{}", said(&output));
 }
 
+fn report(path: &Path) -> serde_json::Value {
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+#[test]
+fn faces_are_counted_as_they_are_in_the_file() {
+    // A slab of quads under the feet, which are not written: the scan of the fixture has quads as well.
+    let text = std::fs::read_to_string(fixture("scan.obj")).unwrap();
+    let of = |kind: &str| text.lines().filter(|l| l.starts_with(kind)).count();
+    let (vertices, faces) = (of("v "), of("f "));
+    const CELLS: usize = 8;
+    let mut slab = String::new();
+    for height in [-0.055, 0.005] {
+        for k in 0..=CELLS * (CELLS + 2) + CELLS {
+            let along = |i: usize| 1.4 * i as f64 / CELLS as f64 - 0.7;
+            slab += &format!("v {} {height} {}\n", along(k % (CELLS + 1)), along(k / (CELLS + 1)));
+        }
+    }
+    let layer = (CELLS + 1) * (CELLS + 1);
+    let mut quad = |corners: [usize; 4]| {
+        let [a, b, c, d] = corners.map(|v| vertices + 1 + v);
+        slab += &format!("f {a} {b} {c} {d}\n");
+    };
+    for i in 0..CELLS {
+        let (near, far) = (i, i + CELLS * (CELLS + 1));
+        quad([near, near + layer, near + layer + 1, near + 1]);
+        quad([far, far + 1, far + layer + 1, far + layer]);
+        let (left, right) = (i * (CELLS + 1), i * (CELLS + 1) + CELLS);
+        quad([left, left + CELLS + 1, left + CELLS + 1 + layer, left + layer]);
+        quad([right, right + layer, right + CELLS + 1 + layer, right + CELLS + 1]);
+        for j in 0..CELLS {
+            let low = i * (CELLS + 1) + j;
+            quad([low, low + 1, low + CELLS + 2, low + CELLS + 1]);
+            quad([low + layer, low + CELLS + 1 + layer, low + CELLS + 2 + layer, low + 1 + layer]);
+        }
+    }
+    let all = faces + 4 * CELLS + 2 * CELLS * CELLS;
+    let work = tempfile::tempdir().unwrap();
+    std::fs::write(work.path().join("floor.obj"), text + &slab).unwrap();
+    let take = fixture("walk.c3d");
+    let outputs = ["--frames", "1..2", "-o", "f_#.ply", "--report", "r.json"];
+    let said = retarget_ok(work.path(), ["floor.obj", take.to_str().unwrap()].into_iter().chain(outputs));
+    assert!(said.contains("grown together with a flat floor"), "{said}");
+    let line = said.lines().find(|l| l.starts_with("scan")).unwrap().replace(',', "");
+    assert!(line.contains(&format!(" {all} polygons")), "{all}: {line}");
+    assert_eq!(report(&work.path().join("r.json"))["decisions"]["scan"]["faces"], all);
+    assert!(retarget::scan::read(&work.path().join("f_1.ply")).unwrap().mesh.faces.len() < all);
+}
+
+#[test]
+fn the_report_names_the_static_trial_of_a_rig_file() {
+    let work = tempfile::tempdir().unwrap();
+    std::fs::create_dir(work.path().join("rigs")).unwrap();
+    std::fs::copy(fixture("walk.c3d"), work.path().join("rigs/trial.c3d")).unwrap();
+    std::fs::write(work.path().join("rigs/rig.toml"), "[reference]\nfile = \"trial.c3d\"\n").unwrap();
+    let named = |more: &[&str]| {
+        retarget_ok(work.path(), short(&[more, &["-o", "a.pc2", "--force", "--report", "r.json"]].concat()));
+        report(&work.path().join("r.json"))["inputs"]["reference"].clone()
+    };
+    assert!(named(&[]).is_null());
+    let trial = named(&["--rig", "rigs/rig.toml"]);
+    assert_eq!(trial.as_str().map(Path::new), Some(Path::new("rigs/trial.c3d")));
+}
+
 #[test]
 fn a_saved_rig_file_fed_back_gives_the_same_bytes() {
     let work = tempfile::tempdir().unwrap();

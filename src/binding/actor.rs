@@ -7,6 +7,7 @@ use super::{Options, refuse};
 use crate::capture::Capture;
 use crate::error::{Error, Notes, Result};
 use crate::space::{Axis, Evidence, Known, Space, Unit};
+use crate::statistics::quantile;
 use glam::DVec3;
 
 /// The captured person as the markers show it.
@@ -117,18 +118,7 @@ fn find_up(
     let Some((axis, confidence)) = measured else {
         return Ok(space.up.unwrap_or(Known::new(Axis { index: 2, negative: false }, Evidence::Default)));
     };
-    if confidence < 0.5 {
-        let error = Error::refused(format!(
-            "which way is up in the capture is unclear: feet and trunk agree on {axis} by {confidence:.2} only"
-        ))
-        .expected("0.5 or more (1 = upright throughout)")
-        .hint("--capture-up +Z (or the axis that points up)");
-        refuse(error, options, notes)?;
-    } else if confidence < 0.8 {
-        notes.warn(format!(
-            "the actor is not upright for much of the take ({axis} up by {confidence:.2}); --capture-up sets the axis"
-        ));
-    }
+    check_up((axis, confidence), "trunk", "+Z", options, notes)?;
     let how = match space.up {
         Some(file) if file.value == axis => file.how,
         Some(file) => {
@@ -272,11 +262,26 @@ fn find_sides(track: &Track<'_>, names: &Names, frames: &[usize], up: DVec3) -> 
     (mean, if votes_cast == 0 { 0.0 } else { agreeing as f64 / votes_cast as f64 })
 }
 
-/// The value below which a share `q` of the values lies; sorts them.
-pub(crate) fn quantile(values: &mut [f64], q: f64) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    let last = values.len().checked_sub(1)?;
-    let x = q * last as f64;
-    let (low, part) = (x.floor() as usize, x.fract());
-    Some(values[low] + (values[(low + 1).min(last)] - values[low]) * part)
+/// Doubts an axis that is up by little more than others, or refuses it. `trunk`: what points up from the feet; `likely`: the axis that is most often up
+/// in such files.
+pub(super) fn check_up(
+    (axis, confidence): (Axis, f64),
+    trunk: &str,
+    likely: &str,
+    options: &Options,
+    notes: &mut Notes,
+) -> Result<()> {
+    if confidence < 0.5 {
+        let error = Error::refused(format!(
+            "which way is up in the capture is unclear: feet and {trunk} agree on {axis} by {confidence:.2} only"
+        ))
+        .expected("0.5 or more (1 = upright throughout)")
+        .hint(format!("--capture-up {likely} (or the axis that points up)"));
+        refuse(error, options, notes)?;
+    } else if confidence < 0.8 {
+        notes.warn(format!(
+            "the actor is not upright for much of the take ({axis} up by {confidence:.2}); --capture-up sets the axis"
+        ));
+    }
+    Ok(())
 }

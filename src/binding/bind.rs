@@ -4,7 +4,7 @@ mod attach;
 
 use attach::Kept;
 
-use super::actor::{self, Actor, quantile};
+use super::actor::{self, Actor};
 use super::fit::{self, Fit, Observation, SIZE};
 use super::labels::{self, Names, Part};
 use super::landmarks::{Arms, Body, NotHuman};
@@ -12,15 +12,17 @@ use super::reference::{self, Chosen, Landed};
 use super::retarget::{self, Retargeting, Seen};
 use super::rig::Frozen;
 use super::segments::{self, Segment, Side, Skeleton};
+use super::shape::{outside, scan_unit, segment_places, unit_factor};
 use super::similarity::{Held, Similarity, upright};
-use super::track::Track;
+use super::take::Take;
 use super::{
-    Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, Turning, Watch, checks, clusters,
-    pinned, places, raw, refuse, sides, skeletons, skin, surfaces, unlabelled,
+    Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, Turning, Watch, checks, clusters, pinned, places, raw,
+    refuse, skeletons, skin, surfaces, unlabelled,
 };
 use crate::capture::{Capture, Motion};
 use crate::error::{Error, Kind, Notes, Result};
-use crate::space::{Evidence, Known, Unit};
+use crate::space::{Evidence, Known};
+use crate::statistics::quantile;
 use glam::DVec3;
 
 /// Root mean square of a similarity, in statures, below which actor and scan are alike in shape and pose.
@@ -44,10 +46,10 @@ const HANGING: f64 = 0.3;
 const SOFT: f64 = 0.1;
 /// An unnamed marker that moves more than this against every segment, in statures, is not on the body.
 const PROP: f64 = 0.02;
+/// One that moves more than this against its own pulls softly: a backrest moves nearly as the one does who leans on it.
+const NEARLY_PROP: f64 = 0.5 * PROP;
 /// Frames that it takes to tell with which segment an unnamed marker moves.
 const LEAST_MOTION: usize = 10;
-/// Attachments farther outside than this, in diagonals, are refused by name.
-pub(super) const OUTSIDE: f64 = 0.05;
 /// Frames that the whole-take measures look at.
 const SAMPLES: usize = 60;
 /// Distances along bones that differ by more than this are worth a word (95th percentile).
@@ -188,60 +190,6 @@ fn tell(scan: &ScanShape<'_>, body: &Skeleton, take: &Take<'_>, options: &Option
     }
 }
 
-/// A capture with its labels read.
-pub(super) struct Take<'a> {
-    pub capture: &'a Capture,
-    pub track: Track<'a>,
-    pub names: Names,
-    /// How markers were told where their labels say nothing or are wrong.
-    pub remarks: Vec<String>,
-}
-
-impl<'a> Take<'a> {
-    pub(super) fn of(capture: &'a Capture, options: &Options) -> Self {
-        let take = capture.motion.points();
-        let track = Track { take, mirror: options.mirror };
-        let names = labels::name(&take.labels, &track.coverage(), options.swap_sides);
-        let mut out = Self { capture, track, names, remarks: Vec::new() };
-        out.correct(options, None);
-        out
-    }
-
-    /// Takes what the user says of markers.
-    fn correct(&mut self, options: &Options, body: Option<&Skeleton>) {
-        self.names.correct(&self.track.take.labels, &options.markers, body);
-    }
-
-    /// Takes the markers of pairs for each other that have left and right exchanged, but for those that the user speaks of.
-    fn exchange_sides(&mut self, options: &Options) {
-        for (left, right) in sides::exchanged(&self.track, &self.names) {
-            let (a, b) = (self.label(left), self.label(right));
-            if !options.markers.contains_key(a) && !options.markers.contains_key(b) {
-                self.remarks.push(format!("{a} and {b} have left and right exchanged throughout: taken for each other"));
-                self.names.places.swap(left, right);
-            }
-        }
-    }
-
-    pub(super) fn range(&self) -> (i64, i64) {
-        let first = self.capture.first_frame;
-        (first, first + self.track.take.frames() as i64 - 1)
-    }
-
-    pub(super) fn label(&self, marker: usize) -> &str {
-        &self.track.take.labels[marker]
-    }
-
-    /// The marker of `other` that is this take's `marker`: the same place, or the same label.
-    pub(super) fn twin(&self, marker: usize, other: &Take<'_>) -> Option<usize> {
-        let by_place = self.names.places[marker]
-            .as_ref()
-            .filter(|p| !p.is_nameless())
-            .and_then(|p| other.names.iter().find(|(_, q)| q.landmark == p.landmark && q.side == p.side).map(|(i, _)| i));
-        by_place.or_else(|| other.track.take.labels.iter().position(|l| l == self.label(marker)))
-    }
-}
-
 fn oriented(body: Body, options: &Options) -> Body {
     let mut body = if options.flip { segments::turned(&body) } else { body };
     if let Some(axis) = options.scan_up {
@@ -250,31 +198,6 @@ fn oriented(body: Body, options: &Options) -> Body {
         body.forward = level.try_normalize().unwrap_or_else(|| body.up.any_orthonormal_vector());
     }
     body
-}
-
-/// The segments of a body at rest.
-pub(super) fn segment_places(body: &Skeleton) -> Vec<SegmentPlace> {
-    let place = |&segment: &Segment| {
-        let bone = body.bone(segment);
-        SegmentPlace { segment, from: bone.origin, to: bone.end }
-    };
-    Segment::ALL.iter().map(place).collect()
-}
-
-/// The unit of a scan from the user, its file, or the size of the body in it.
-pub(super) fn scan_unit(scan: &ScanShape<'_>, body: Option<&Body>, options: &Options) -> Option<Known<Unit>> {
-    if let Some(unit) = options.scan_unit {
-        return Some(Known::new(unit, Evidence::User));
-    }
-    match body {
-        Some(body) => unit_of_body(body, scan.unit_box.diagonal, scan.space.unit),
-        None => scan.space.unit,
-    }
-}
-
-/// The unit in which a body has a person's height; the one that its file says where that fits. `diagonal`: of the scan, in its own unit.
-pub fn unit_of_body(body: &Body, diagonal: f64, file: Option<Known<Unit>>) -> Option<Known<Unit>> {
-    actor::unit_of_stature(body.stature * diagonal, file).or(file)
 }
 
 struct Human<'a> {
@@ -525,18 +448,4 @@ impl Fitted<'_> {
         let seen = self.landed.iter().filter(|l| posed.track.point(self.chosen.frame, l.marker).is_some());
         seen.zip(&self.fit.residuals).find(|(l, _)| l.marker == marker).map(|(_, r)| r / self.fit.size)
     }
-}
-
-/// Scan units per unit of the capture; 1 where one of them is unknown.
-pub(super) fn unit_factor(capture: Option<Known<Unit>>, scan: Option<Known<Unit>>) -> f64 {
-    match (capture, scan) {
-        (Some(a), Some(b)) => a.value.metres() / b.value.metres(),
-        _ => 1.0,
-    }
-}
-
-/// Distance outside the scan in diagonals where it is too much.
-pub(super) fn outside(scan: &ScanShape<'_>, p: DVec3) -> Option<f64> {
-    let closest = scan.tree.closest(p)?;
-    (closest.distance > OUTSIDE && scan.tree.winding(p).abs() < 0.5).then_some(closest.distance)
 }

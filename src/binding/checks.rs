@@ -1,12 +1,12 @@
 //! What must hold before and after a capture is bound: enough labels, the same actor, distances along bones.
 
-use super::actor::quantile;
-use super::bind::Take;
 use super::labels::{Names, Part, Place};
 use super::landmarks::{Arms, Body, NotHuman};
 use super::segments::Segment;
+use super::take::Take;
 use super::{BoundMarker, Options, refuse};
 use crate::error::{Error, Kind, Notes, Result};
+use crate::statistics::quantile;
 use glam::DVec3;
 
 /// Named markers below which no body can be recognised.

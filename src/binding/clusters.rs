@@ -1,10 +1,10 @@
 //! Segment frames straight from the markers, for labels that the dictionary does not know and for markers that leave their segment.
 
-use super::actor::quantile;
 use super::labels::{Names, Part, Place};
 use super::segments::Segment;
 use super::similarity::rigid;
 use super::track::Track;
+use crate::statistics::quantile;
 use glam::{DQuat, DVec3};
 
 /// Farther than this from a segment, in statures, distance counts against it.

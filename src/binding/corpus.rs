@@ -33,7 +33,7 @@ fn case(scan_name: &str, take: &str, still: Option<&str>, options: &Options) -> 
     };
     let scan = scan::read(&scan_path).unwrap();
     let unit_box = UnitBox::of(&scan.mesh).unwrap();
-    let points: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
+    let points = unit_box.enter_all(&scan.mesh.positions);
     let triangles = scan.mesh.vertex_triangles();
     let tree = TriangleTree::new(&points, &triangles);
     let body = landmarks::find(&points, &triangles);
@@ -146,7 +146,7 @@ fn takes_without_labels_are_told_rightly_or_refused() {
             };
             let scan = scan::read(&scan_path).unwrap();
             let unit_box = UnitBox::of(&scan.mesh).unwrap();
-            let points: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
+            let points = unit_box.enter_all(&scan.mesh.positions);
             let triangles = scan.mesh.vertex_triangles();
             let tree = TriangleTree::new(&points, &triangles);
             let body = landmarks::find(&points, &triangles);

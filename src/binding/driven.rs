@@ -3,10 +3,10 @@
 //! A handle without an orientation is a point like a marker. One with an orientation, or one that holds a part of the scan, moves and turns what it
 //! holds; see [`crate::pipeline::grips`].
 
-use super::bind::scan_unit;
 use super::landmarks::Body;
 use super::segments::Skeleton;
 use super::select::Hold;
+use super::shape::scan_unit;
 use super::similarity::Similarity;
 use super::{Align, Binding, BoundMarker, Decisions, Options, ScanShape, Segment, SegmentPlace};
 use crate::capture::Capture;

@@ -164,16 +164,22 @@ fn stiffness(segment: Segment) -> f64 {
     }
 }
 
+impl State {
+    fn at_rest(body: &Skeleton) -> Self {
+        Self {
+            root: body.bone(Segment::Pelvis).origin,
+            rotations: [DQuat::IDENTITY; Segment::COUNT],
+            lengths: [0.0; RATIOS],
+            scale: 0.0,
+            shoulders: [DVec3::ZERO; 2],
+            girth: 0.0,
+        }
+    }
+}
+
 /// Fits the skeleton to the observations, starting from the rest pose at the pelvis of the scan.
 pub(crate) fn fit(body: &Skeleton, observations: &[Observation]) -> Fit {
-    let mut state = State {
-        root: body.bone(Segment::Pelvis).origin,
-        rotations: [DQuat::IDENTITY; Segment::COUNT],
-        lengths: [0.0; RATIOS],
-        scale: 0.0,
-        shoulders: [DVec3::ZERO; 2],
-        girth: 0.0,
-    };
+    let mut state = State::at_rest(body);
     let problem = Problem { body, observations };
     let mut residuals = problem.residuals(&state);
     let mut cost = problem.cost(&residuals);
@@ -384,14 +390,7 @@ pub(super) fn simulate(
     turns: &[(Segment, DVec3)],
     ratios: &[(Ratio, f64)],
 ) -> Vec<DVec3> {
-    let mut state = State {
-        root: body.bone(Segment::Pelvis).origin,
-        rotations: [DQuat::IDENTITY; Segment::COUNT],
-        lengths: [0.0; RATIOS],
-        scale: 0.0,
-        shoulders: [DVec3::ZERO; 2],
-        girth: 0.0,
-    };
+    let mut state = State::at_rest(body);
     for &(ratio, value) in ratios {
         state.lengths[ratio as usize] = value.ln();
     }

@@ -9,9 +9,9 @@ mod clusters;
 #[allow(clippy::unwrap_used, clippy::print_stderr)]
 mod corpus;
 mod decisions;
-pub mod driven;
+pub(crate) mod driven;
 mod fit;
-pub mod grown;
+pub(crate) mod grown;
 mod labels;
 pub mod landmarks;
 mod limbs;
@@ -26,11 +26,13 @@ mod retarget;
 pub mod rig;
 mod segments;
 pub mod select;
+mod shape;
 mod sides;
 mod similarity;
 mod skeletons;
 mod skin;
 mod surfaces;
+mod take;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests;
@@ -38,12 +40,13 @@ mod track;
 mod unlabelled;
 
 pub use actor::{ActorSpace, actor_space};
-pub use bind::{bind, unit_of_body};
+pub use bind::bind;
 pub use decisions::{Decisions, Slip};
 pub use driven::Turning;
 pub use limbs::Limbs;
 pub use regions::{Regions, Rules};
 pub use segments::Segment;
+pub use shape::unit_of_body;
 pub use similarity::Similarity;
 pub use skeletons::{Role, person};
 

@@ -1,10 +1,10 @@
 //! Captures on animals and things: no body says where their markers belong, so the places that the user gives for some of them place all.
 
-use super::bind::Take;
 use super::raw;
 use super::reference;
 use super::rig::Frozen;
 use super::similarity::{Similarity, rigid};
+use super::take::Take;
 use super::{Align, Binding, Options, Reference, ScanShape, refuse};
 use crate::capture::Motion;
 use crate::error::{Error, Notes, Result};

@@ -5,9 +5,9 @@
 //! way within a tenth of a second. Later frames change nothing.
 
 use super::Slip;
-use super::actor::quantile;
 use super::segments::{Segment, Skeleton};
 use super::similarity::turn_between;
+use crate::statistics::quantile;
 use glam::{DQuat, DVec3};
 
 /// A foot rests below this speed (statures per second) and height over the floor (statures), and until it has more than the second of each.

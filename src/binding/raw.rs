@@ -1,15 +1,16 @@
 //! Captures that are in the scan's space already.
 
-use super::actor::quantile;
-use super::bind::{Take, outside, scan_unit, unit_factor};
 use super::landmarks::Body;
 use super::rig::Frozen;
 use super::segments::Skeleton;
+use super::shape::{outside, scan_unit, unit_factor};
 use super::similarity::Similarity;
+use super::take::Take;
 use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, SegmentPlace, Turning, places, reference};
 use crate::capture::Motion;
 use crate::error::{Error, Notes, Result};
 use crate::space::{Evidence, Known, Unit};
+use crate::statistics::quantile;
 use glam::{DQuat, DVec3};
 
 /// Median and 90th percentile of the distance from the skin, in diagonals, of markers that were put there.

@@ -6,11 +6,11 @@
 //!
 //! Source: Besl and McKay 1992; the farthest points are left out as in Chetverikov et al. 2002.
 
-use super::actor::quantile;
 use super::similarity::{Held, Similarity, rigid, turn_between, upright};
 use super::track::Track;
 use crate::scan::{SurfaceMesh, UnitBox};
 use crate::spatial::{PointTree, TriangleTree};
+use crate::statistics::quantile;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 use std::f64::consts::{FRAC_PI_2, TAU};
@@ -279,7 +279,7 @@ mod tests {
     use crate::scan::Faces;
 
     fn tree(mesh: &SurfaceMesh, unit_box: UnitBox) -> TriangleTree {
-        let points: Vec<DVec3> = mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
+        let points = unit_box.enter_all(&mesh.positions);
         let vertices = |corner: u32| mesh.faces.corners[corner as usize];
         let triangles: Vec<[u32; 3]> = mesh.triangulate().corners.into_iter().map(|t| t.map(vertices)).collect();
         TriangleTree::new(&points, &triangles)

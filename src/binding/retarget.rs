@@ -9,9 +9,10 @@ use super::plant::{self, Leg, Planter};
 use super::segments::{Segment, Side, Skeleton};
 use super::similarity::Similarity;
 use super::track::Track;
-use super::{BoundMarker, Watch, actor};
+use super::{BoundMarker, Watch};
 use crate::capture::MarkerTake;
 use crate::error::Result;
+use crate::statistics::quantile;
 use glam::{DQuat, DVec3};
 
 /// Shoulders of two people lie apart on their trunks by so much (standard deviation, in statures); what the fit shifts them beyond is the
@@ -139,9 +140,9 @@ impl Retargeting<'_> {
                 heights.fold(f64::INFINITY, f64::min)
             })
             .collect();
-        let lift = body.up * (floor - actor::quantile(&mut lowest, ON_FLOOR).unwrap_or(floor));
+        let lift = body.up * (floor - quantile(&mut lowest, ON_FLOOR).unwrap_or(floor));
         let mut planter = self.feet.map(|rate| Planter::new(body, floor, rate));
-        let seen_legs = LEGS.map(|leg| held.iter().any(|held| leg.contains(&held.segment)));
+        let seen_legs = Segment::LEGS.map(|leg| held.iter().any(|held| leg.contains(&held.segment)));
         let mut points = Vec::with_capacity(poses.len() * (handles.len() + joints.len()));
         for (frame, pose) in poses.iter().enumerate() {
             let pose = &pose.pose();
@@ -178,12 +179,10 @@ impl Retargeting<'_> {
 }
 
 const FEET: [Segment; 2] = [Segment::LeftFoot, Segment::RightFoot];
-const LEGS: [[Segment; 3]; 2] =
-    [[Segment::LeftThigh, Segment::LeftShank, Segment::LeftFoot], [Segment::RightThigh, Segment::RightShank, Segment::RightFoot]];
 
 /// Holds a foot of the scan while it rests on the floor.
 fn hold(planter: &mut Planter, side: usize, pose: &mut Pose, origins: &mut [DVec3; Segment::COUNT]) {
-    let [thigh, shank, foot] = LEGS[side].map(|s| s as usize);
+    let [thigh, shank, foot] = Segment::LEGS[side].map(|s| s as usize);
     let mut leg = Leg {
         hip: origins[thigh],
         knee: origins[shank],

@@ -135,6 +135,12 @@ impl Segment {
         matches!(self, Pelvis | Head | LeftHand | RightHand | LeftFoot | RightFoot)
     }
 
+    /// Arms and legs, left before right, from the trunk outward.
+    pub(crate) const ARMS: [[Self; 3]; 2] =
+        [[Self::LeftUpperArm, Self::LeftForearm, Self::LeftHand], [Self::RightUpperArm, Self::RightForearm, Self::RightHand]];
+    pub(crate) const LEGS: [[Self; 3]; 2] =
+        [[Self::LeftThigh, Self::LeftShank, Self::LeftFoot], [Self::RightThigh, Self::RightShank, Self::RightFoot]];
+
     /// Whether it belongs to an arm.
     pub fn is_arm(self) -> bool {
         (Segment::LeftUpperArm..=Segment::RightHand).contains(&self)

@@ -1,5 +1,6 @@
 //! Rigid motions with a scale between the capture's space and the scan's unit box.
 
+use crate::linalg::eigen;
 use glam::{DMat3, DQuat, DVec3};
 
 /// Takes points of the capture into the unit box of the scan: `scale · rotation · p + translation`.
@@ -96,7 +97,7 @@ pub(crate) fn upright(pairs: &[(DVec3, DVec3, f64)], capture_up: DVec3, up: DVec
 
 /// Least-squares rotation and shift from the first points of `pairs` to the second: `q · a + t`. `None` with fewer than three.
 ///
-/// Source: Horn 1987, closed form with quaternions; the largest eigenvector of the 4×4 matrix by Jacobi rotations.
+/// Source: Horn 1987, closed form with quaternions; the largest eigenvector of a 4×4 matrix.
 pub(crate) fn rigid(pairs: &[(DVec3, DVec3)]) -> Option<(DQuat, DVec3)> {
     if pairs.len() < 3 {
         return None;
@@ -120,42 +121,9 @@ pub(crate) fn rigid(pairs: &[(DVec3, DVec3)]) -> Option<(DQuat, DVec3)> {
             m[i + 1][j + 1] = e(i, j) + e(j, i) - if i == j { trace } else { 0.0 };
         }
     }
-    let q = largest_eigenvector(m);
+    let (_, q) = eigen::largest(m);
     let q = DQuat::from_xyzw(q[1], q[2], q[3], q[0]).normalize();
     q.is_finite().then(|| (q, cb - q * ca))
-}
-
-fn largest_eigenvector(mut m: [[f64; 4]; 4]) -> [f64; 4] {
-    let mut v = [[0.0; 4]; 4];
-    for (i, row) in v.iter_mut().enumerate() {
-        row[i] = 1.0;
-    }
-    // Cyclic Jacobi converges quadratically; twelve sweeps are far more than double precision needs.
-    for _ in 0..12 {
-        for p in 0..3 {
-            for q in p + 1..4 {
-                if m[p][q].abs() < 1e-300 {
-                    continue;
-                }
-                let theta = (m[q][q] - m[p][p]) / (2.0 * m[p][q]);
-                let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
-                let c = 1.0 / (t * t + 1.0).sqrt();
-                let s = t * c;
-                for row in &mut m {
-                    (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
-                }
-                let (above, below) = m.split_at_mut(q);
-                for (a, b) in above[p].iter_mut().zip(&mut below[0]) {
-                    (*a, *b) = (c * *a - s * *b, s * *a + c * *b);
-                }
-                for row in &mut v {
-                    (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
-                }
-            }
-        }
-    }
-    let best = (1..4).fold(0, |best, i| if m[i][i] > m[best][best] { i } else { best });
-    [v[0][best], v[1][best], v[2][best], v[3][best]]
 }
 
 #[cfg(test)]

@@ -3,13 +3,13 @@
 //! The places of the dictionary are good to a per cent or two of the height. Where the scan is the actor's own, the skin itself tells the
 //! placement far better: scale, turn about up, shift and the common distance of the markers are solved for.
 
-use super::actor::quantile;
 use super::reference::{Chosen, Landed};
 use super::segments::Skeleton;
 use super::similarity::{Similarity, Upright};
 use super::track::Track;
 use crate::linalg::DenseCholesky;
 use crate::spatial::TriangleTree;
+use crate::statistics::quantile;
 use glam::{DQuat, DVec3};
 
 /// Median and 90th percentile of the distances from the common shell, in statures, up to which the markers lie on the skin. Strangers of like

@@ -1,19 +1,20 @@
 //! Vertices of a captured surface on a scan of about its shape: by their numbers where both have one connectivity, else where they lie,
 //! as they are or once the shapes are brought together.
 
-use super::actor::quantile;
-use super::bind::{Take, scan_unit, unit_factor};
 use super::landmarks::Body;
 use super::raw::{Found, bind_as_it_is, bind_found, lies_on, off_surface};
 use super::reference::frame_index;
 use super::registration::{Given, Registration, Target};
+use super::shape::{scan_unit, unit_factor};
 use super::similarity::{Held, Similarity, rigid, turn_between};
+use super::take::Take;
 use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, Turning, refuse};
 use crate::capture::{Capture, VertexTake};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::scan::SurfaceMesh;
 use crate::space::{Evidence, Known};
 use crate::spatial::PointTree;
+use crate::statistics::quantile;
 use crate::words;
 use glam::{DQuat, DVec3};
 
@@ -143,13 +144,7 @@ fn by_shape(scan: &ScanShape<'_>, body: Option<&Body>, take: &Take<'_>, options:
     let place = |marker: usize| Some((marker, found.placement.apply(take.track.point(found.frame, marker)?)));
     let handles: Vec<BoundMarker> = (0..take.track.take.markers())
         .filter_map(place)
-        .map(|(marker, attachment)| BoundMarker {
-            label: take.label(marker).to_owned(),
-            marker,
-            attachment,
-            segment: None,
-            beta: 1.0,
-        })
+        .map(|(marker, attachment)| point_of_surface(take, marker, attachment))
         .collect();
     let mut decisions = decisions(scan, body, take, options, found.frame);
     decisions.align = Align::Similarity;
@@ -242,17 +237,8 @@ fn by_number(
     if factor != 1.0 && factor != said {
         notes.warn(format!("the scan is {factor:.3} times the size of the captured surface: the capture is scaled to it"));
     }
-    let handles: Vec<BoundMarker> = rest
-        .iter()
-        .enumerate()
-        .map(|(marker, &attachment)| BoundMarker {
-            label: take.label(marker).to_owned(),
-            marker,
-            attachment,
-            segment: None,
-            beta: 1.0,
-        })
-        .collect();
+    let handles: Vec<BoundMarker> =
+        rest.iter().enumerate().map(|(marker, &attachment)| point_of_surface(take, marker, attachment)).collect();
     let mut decisions = decisions(scan, body, take, options, frame);
     decisions.align = if own_axes && options.align != Align::Similarity { Align::None } else { Align::Similarity };
     decisions.scale = factor / said;
@@ -274,6 +260,11 @@ fn binding(placement: Similarity, handles: Vec<BoundMarker>, decisions: Decision
         frozen: None,
         notes,
     }
+}
+
+/// A point of the surface that holds the scan at a place.
+fn point_of_surface(take: &Take<'_>, marker: usize, attachment: DVec3) -> BoundMarker {
+    BoundMarker { label: take.label(marker).to_owned(), marker, attachment, segment: None, beta: 1.0 }
 }
 
 /// What is decided in any case, for a placement in a frame.

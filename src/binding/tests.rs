@@ -1,5 +1,7 @@
 //! Made people: bodies of capsules, captured by markers at the dictionary's places.
 
+mod markers;
+
 use super::fit::{self, Observation, Ratio};
 use super::landmarks::{Arms, Body, Joint, NotHuman};
 use super::segments::{Segment, Side, Skeleton};
@@ -264,42 +266,6 @@ fn swapped_labels_are_mended_by_swap_sides() {
 }
 
 #[test]
-fn unknown_labels_go_to_the_segment_that_they_move_with() {
-    let person = person(0.75);
-    let mut words = PLUG_IN_GAIT.to_vec();
-    words.extend(["RFT1", "sword"]);
-    let labels = labels_of(&words);
-    let named = labels_of(&PLUG_IN_GAIT);
-    let mut seen = landmarks_of(&person, &named);
-    let skeleton = Skeleton::of(&person.body);
-    let shank = skeleton.bone(Segment::RightShank);
-    let extra = shank.origin.lerp(shank.end, 0.6) + shank.forward * 0.03;
-    seen.push(Observation { marker: DVec3::ZERO, place: extra, segment: Segment::RightShank, weight: 0.5 });
-    let frames: Vec<Vec<DVec3>> = (0..12)
-        .map(|k| {
-            let swing = (f64::from(k) * 0.5).sin() * 0.6;
-            let turns = [
-                (Segment::RightThigh, DVec3::X * swing),
-                (Segment::RightShank, DVec3::X * (0.6 - swing)),
-                (Segment::RightFoot, DVec3::X * 0.5 * swing),
-                (Segment::LeftThigh, DVec3::X * -swing),
-                (Segment::LeftUpperArm, DVec3::X * swing),
-            ];
-            let mut frame = fit::simulate(&skeleton, &seen, &turns, &[]);
-            // Swung about on its own.
-            frame.push(DVec3::new(0.4, 0.1 * f64::from(k % 3), 0.3 * swing));
-            frame
-        })
-        .collect();
-    let binding = bound(&person, &take(&person, &labels, &frames, 0.4, 0.5), &Options::default()).unwrap();
-    let handle = binding.handles.iter().find(|h| h.label == "RFT1").unwrap();
-    assert_eq!(handle.segment, Some(Segment::RightShank));
-    assert!((handle.attachment - extra).length() < 0.02 * person.body.stature);
-    assert_eq!(binding.unbound.len(), 1);
-    assert_eq!(binding.unbound[0].0, "sword");
-}
-
-#[test]
 fn a_capture_on_the_scan_is_bound_as_it_is() {
     let person = person(0.75);
     let labels = labels_of(&PLUG_IN_GAIT);
@@ -390,57 +356,6 @@ fn arms_below_the_scans_are_measured() {
     for side in [Side::Left, Side::Right] {
         assert!((found.arm_elevation(&skeleton, side) + 57.3).abs() < 4.0);
     }
-}
-
-#[test]
-fn a_belt_marker_on_a_folding_belly_is_held_softly() {
-    let person = person(0.75);
-    let mut words = PLUG_IN_GAIT.to_vec();
-    words.push("MFWT");
-    let labels = labels_of(&words);
-    let seen = landmarks_of(&person, &labels);
-    let skeleton = Skeleton::of(&person.body);
-    let frames: Vec<Vec<DVec3>> = (0..20)
-        .map(|k| {
-            let swing = f64::from(k) * 0.05;
-            let mut frame = fit::simulate(&skeleton, &seen, &[(Segment::LeftThigh, DVec3::X * -swing)], &[]);
-            if let Some(belt) = frame.last_mut().filter(|_| k > 10) {
-                *belt -= skeleton.forward * 0.1 * skeleton.stature * swing;
-            }
-            frame
-        })
-        .collect();
-    let binding = bound(&person, &take(&person, &labels, &frames, 0.4, 0.5), &Options::default()).unwrap();
-    let soft: Vec<&str> = binding.handles.iter().filter(|h| h.beta < 1.0).map(|h| h.label.as_str()).collect();
-    assert_eq!(soft, ["MFWT"]);
-}
-
-#[test]
-fn a_lower_body_set_binds_legs_and_pelvis_and_says_so() {
-    let person = person(0.75);
-    let labels = labels_of(&PLUG_IN_GAIT[19..]);
-    let seen = landmarks_of(&person, &labels);
-    let skeleton = Skeleton::of(&person.body);
-    let turns = [(Segment::LeftThigh, DVec3::X * -0.3), (Segment::LeftShank, DVec3::X * 0.4)];
-    let frame = fit::simulate(&skeleton, &seen, &turns, &[]);
-    let binding = bound(&person, &take(&person, &labels, &[frame], 0.4, 0.5), &Options::default()).unwrap();
-    assert_eq!(binding.handles.len(), 16);
-    assert!(worst(&person, &labels, &binding) < 0.03, "{}", worst(&person, &labels, &binding));
-    assert!(binding.notes.iter().any(|n| n.starts_with("no upper-body markers")));
-}
-
-#[test]
-fn legs_much_longer_than_the_scans_are_named() {
-    let person = person(0.75);
-    let labels = labels_of(&PLUG_IN_GAIT);
-    let seen = landmarks_of(&person, &labels);
-    let skeleton = Skeleton::of(&person.body);
-    let ratios = [(Ratio::Thigh, 1.3), (Ratio::Shank, 1.3)];
-    let frame = fit::simulate(&skeleton, &seen, &[], &ratios);
-    let options = Options { align: Align::Pose, ..Options::default() };
-    let binding = bound(&person, &take(&person, &labels, &[frame], 0.4, 0.5), &options).unwrap();
-    let note = binding.notes.iter().find(|n| n.starts_with("actor and scan differ in build")).unwrap();
-    assert!(note.contains("thigh 1."), "{note}");
 }
 
 /// Turns of a person who walks on the spot, swings the arms and nods.

@@ -4,14 +4,14 @@
 //! turns. Which way round the actor stands, the feet tell, and a body that faces the other way must fit clearly worse. Distances between
 //! markers alone do not tell segments apart in ordinary takes, and nearest points on the skin turn bodies round.
 
-use super::actor::quantile;
-use super::bind::Take;
 use super::fit::{self, Fit, Observation};
 use super::labels::{self, Names, Place};
 use super::places;
 use super::segments::Skeleton;
 use super::similarity::{Held, Similarity, upright};
+use super::take::Take;
 use crate::spatial::TriangleTree;
+use crate::statistics::quantile;
 use glam::DVec3;
 
 /// Frames looked at, and those that are fitted.

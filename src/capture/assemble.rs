@@ -1,36 +1,16 @@
 //! From what a file of markers holds to a clean capture: one subject, one label per marker, gaps filled.
 
 use super::c3d::C3d;
+use super::head::Head;
 use super::table::Table;
 use super::triads::Triads;
 use super::{Capture, Cleaning, MarkerTake, Motion, ReadOptions, clean, labels, segments, source};
 use crate::error::{Error, Kind, Notes, Result};
-use crate::space::{Known, Space, Unit};
+use crate::space::{Known, Unit};
 use crate::words;
 use glam::DVec3;
 use std::io::{Read, Seek};
 use std::path::Path;
-
-/// All that a file says of its points but where they are.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Head {
-    /// One label per point as written, without blanks around it; empty where the file has fewer labels than points.
-    pub labels: Vec<String>,
-    /// Whether the file has labels at all.
-    pub labelled: bool,
-    /// Labels listed as angles, forces, moments, powers, scalars or modelled markers.
-    pub computed: Vec<String>,
-    /// Names of the subjects, where the file lists them.
-    pub subjects: Vec<String>,
-    /// Frames per second; positive.
-    pub rate: f64,
-    /// Number of the first frame.
-    pub first_frame: i64,
-    /// Unit and up axis, where the file says so.
-    pub space: Space,
-    /// Contradictions and what was believed.
-    pub notes: Notes,
-}
 
 /// A C3D file: only the columns that are wanted are read.
 pub(super) fn c3d<R: Read + Seek>(mut file: C3d<R>, path: &Path, options: &ReadOptions) -> Result<Capture> {

@@ -4,6 +4,7 @@ use super::gaps::{self, By};
 use super::strays::{self, Stretches};
 use super::{Cleaning, How, MarkerTake, Repair, counted, swaps};
 use crate::error::{Error, Kind, Notes, Result};
+use crate::statistics::middle;
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -120,15 +121,7 @@ pub(super) fn size(take: &MarkerTake) -> f64 {
         .collect();
     let most = boxes.iter().map(|b| b.0).max().unwrap_or(0);
     let mut full: Vec<f64> = boxes.iter().filter(|b| 2 * b.0 >= most && b.0 > 0).map(|b| b.1).collect();
-    median(&mut full)
-}
-
-fn median(values: &mut [f64]) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+    middle(&mut full).unwrap_or(0.0)
 }
 
 /// Drops markers without any position and returns how many.
@@ -247,7 +240,7 @@ fn listed(labels: &[String]) -> String {
 fn one_marker(take: &MarkerTake, a: usize, b: usize, size: f64) -> bool {
     let together = (0..take.frames()).filter_map(|f| Some(take.point(f, a)?.distance(take.point(f, b)?)));
     let mut distances: Vec<f64> = together.collect();
-    median(&mut distances) <= SAME * size
+    middle(&mut distances).unwrap_or(0.0) <= SAME * size
 }
 
 /// Puts right labels that two markers exchange during the take.
@@ -412,7 +405,7 @@ fn common_steps(take: &MarkerTake) -> Vec<DVec3> {
                     axes.iter_mut().zip(d).for_each(|(axis, d)| axis.push(d));
                 }
             }
-            if axes[0].len() < FEWEST { DVec3::ZERO } else { DVec3::from(axes.each_mut().map(|a| median(a))) }
+            if axes[0].len() < FEWEST { DVec3::ZERO } else { DVec3::from(axes.each_mut().map(|a| middle(a).unwrap_or(0.0))) }
         })
         .collect()
 }

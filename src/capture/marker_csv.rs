@@ -5,7 +5,7 @@
 //! commas, semicolons or tabs; what is missing is left empty.
 
 use super::ReadOptions;
-use super::assemble::Head;
+use super::head::Head;
 use super::table::{Grid, Lines, MOST_MARKERS, Separator, Table, decode, value, whole};
 use crate::error::{Error, Notes, Result};
 use crate::space::{Evidence, Known, Space};

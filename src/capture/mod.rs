@@ -17,6 +17,7 @@ pub(crate) mod fuzz_tables;
 mod gaps;
 mod gltf;
 pub mod handles_csv;
+mod head;
 mod labels;
 mod marker_csv;
 mod motive_csv;

@@ -4,7 +4,7 @@
 //! body appears as it was measured (`Marker`) and as the body says where it should be (`Bone Marker`, `Rigid Body Marker`); the measured one
 //! is taken where there is one. Bones and rigid bodies are taken where there are no markers.
 
-use super::assemble::Head;
+use super::head::Head;
 use super::table::{Grid, Lines, MOST_MARKERS, Separator, Table, decode, value, whole};
 use super::{Joint, MarkerTake, ReadOptions, SkeletonTake};
 use crate::error::{Error, Kind, Notes, Result};

@@ -1,6 +1,7 @@
 //! Markers that move with a marker: those that keep their distance to it.
 
 use super::MarkerTake;
+use crate::statistics::middle;
 use glam::DVec3;
 use std::ops::Range;
 
@@ -84,8 +85,8 @@ pub(super) fn steady(take: &MarkerTake, present: &Present, marker: usize, size: 
 /// Markers that keep their distance to this one in most of the take, whatever they do in the rest; the steadiest first.
 pub(super) fn mostly_steady(take: &MarkerTake, present: &Present, marker: usize, size: f64) -> Vec<usize> {
     steady_by(take, present, marker, size, |distances| {
-        let (n, middle) = (distances.len(), distances.len() / 2);
-        let median = *distances.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let n = distances.len();
+        let median = middle(distances).unwrap_or(0.0);
         distances.iter_mut().for_each(|d| *d = (*d - median).abs());
         (median, *distances.select_nth_unstable_by(7 * n / 10, f64::total_cmp).1)
     })

@@ -1,5 +1,6 @@
 //! The rigid motion that carries a few points onto others in the least-squares sense.
 
+use crate::linalg::eigen;
 use glam::{DMat3, DQuat, DVec3};
 
 /// Rotation about the centroid of the source, then a shift to the centroid of the target.
@@ -26,7 +27,7 @@ impl Motion {
             }
         }
         let [[xx, xy, xz], [yx, yy, yz], [zx, zy, zz]] = s;
-        let (_, q) = largest_eigenvector([
+        let (_, q) = eigen::largest([
             [xx + yy + zz, yz - zy, zx - xz, xy - yx],
             [yz - zy, xx - yy - zz, xy + yx, zx + xz],
             [zx - xz, xy + yx, yy - xx - zz, yz + zy],
@@ -44,7 +45,7 @@ impl Motion {
 /// Root mean square extent along the second principal axis: how far points are from lying on one line.
 pub(super) fn width(points: &[DVec3]) -> f64 {
     let c = centroid(points);
-    let mut m = [[0.0; 4]; 4];
+    let mut m = [[0.0; 3]; 3];
     for p in points {
         let d = (*p - c).to_array();
         for i in 0..3 {
@@ -54,64 +55,11 @@ pub(super) fn width(points: &[DVec3]) -> f64 {
         }
     }
     let trace = m[0][0] + m[1][1] + m[2][2];
-    // With the largest eigenvalue taken away, the largest of the rest is the second.
-    let (first, v) = largest_eigenvector(m);
-    for i in 0..3 {
-        for j in 0..3 {
-            m[i][j] -= first * v[i] * v[j];
-        }
-    }
-    let (second, _) = largest_eigenvector(m);
-    second.clamp(0.0, trace).sqrt()
+    eigen::symmetric(m).0[1].clamp(0.0, trace).sqrt()
 }
 
 fn centroid(points: &[DVec3]) -> DVec3 {
     points.iter().sum::<DVec3>() / points.len() as f64
-}
-
-/// Largest eigenvalue and its vector of a symmetric matrix, by cyclic Jacobi rotations.
-fn largest_eigenvector(mut a: [[f64; 4]; 4]) -> (f64, [f64; 4]) {
-    let mut v = [[0.0; 4]; 4];
-    for (i, row) in v.iter_mut().enumerate() {
-        row[i] = 1.0;
-    }
-    // Quadratic convergence: six sweeps exhaust double precision for four dimensions.
-    for _ in 0..8 {
-        let off: f64 = (0..4).flat_map(|i| (i + 1..4).map(move |j| (i, j))).map(|(i, j)| a[i][j] * a[i][j]).sum();
-        let all: f64 = a.iter().flatten().map(|x| x * x).sum();
-        if off <= 1e-30 * all {
-            break;
-        }
-        for p in 0..3 {
-            for q in p + 1..4 {
-                rotate(&mut a, &mut v, p, q);
-            }
-        }
-    }
-    let mut best = 0;
-    for i in 1..4 {
-        if a[i][i] > a[best][best] {
-            best = i;
-        }
-    }
-    (a[best][best], [v[0][best], v[1][best], v[2][best], v[3][best]])
-}
-
-fn rotate(a: &mut [[f64; 4]; 4], v: &mut [[f64; 4]; 4], p: usize, q: usize) {
-    if a[p][q] == 0.0 {
-        return;
-    }
-    let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
-    let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
-    let c = 1.0 / (t * t + 1.0).sqrt();
-    let s = t * c;
-    for row in a.iter_mut().chain(v) {
-        let (x, y) = (row[p], row[q]);
-        (row[p], row[q]) = (c * x - s * y, s * x + c * y);
-    }
-    let (x, y) = (a[p], a[q]);
-    a[p] = std::array::from_fn(|k| c * x[k] - s * y[k]);
-    a[q] = std::array::from_fn(|k| s * x[k] + c * y[k]);
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Segments that move on their own, as marker-less systems and rigid bodies give them: from what a file holds to a capture.
 
-use super::assemble::Head;
+use super::head::Head;
 use super::{Capture, Cleaning, Motion, ReadOptions, SkeletonTake, source};
 use crate::error::{Error, Kind, Notes, Result};
 use std::path::Path;

@@ -4,6 +4,7 @@
 
 use super::fuzz_skeletons as body;
 use crate::gltf::tests::glb;
+use crate::splitmix::Sequence;
 use serde_json::json;
 
 /// Mutants of each sample.
@@ -75,49 +76,34 @@ pub(super) fn gltf() -> Vec<u8> {
     glb(&document, &binary)
 }
 
-/// A reproducible sequence of numbers (Vigna's splitmix64).
-struct Seeded(u64);
-
-impl Seeded {
-    fn below(&mut self, bound: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) % bound.max(1) as u64) as usize
+/// Cut, changed, doubled, moved and claimed to be more.
+fn damage(random: &mut Sequence, sample: &[u8]) -> Vec<u8> {
+    let mut bytes = sample.to_vec();
+    if random.below(4) == 0 {
+        bytes.truncate(random.below(sample.len()));
     }
-
-    /// Cut, changed, doubled, moved and claimed to be more.
-    fn damage(&mut self, sample: &[u8]) -> Vec<u8> {
-        let mut bytes = sample.to_vec();
-        if self.below(4) == 0 {
-            bytes.truncate(self.below(sample.len()));
-        }
-        for _ in 0..=self.below(4) {
-            let at = self.below(bytes.len());
-            let length = self.below(40).min(bytes.len() - at);
-            match self.below(8) {
-                0 => bytes.splice(at..at, *b"2147483648").count(),
-                1 => bytes.splice(at..at + length, []).count(),
-                2 => {
-                    let piece = bytes[at..at + length].to_vec();
-                    let to = self.below(bytes.len());
-                    bytes.splice(to..to, piece).count()
-                }
-                3 if length >= 4 => {
-                    bytes.splice(at..at + 4, [[0xff; 4], [0; 4], [0xff, 0xff, 0xff, 0x7f]][self.below(3)]).count()
-                }
-                4 | 5 => bytes.splice(at..at + length.min(1), [b"0123456789-+.,eE \n{}[]\":#"[self.below(25)]]).count(),
-                6 => bytes.splice(at..at + length.min(1), [self.below(256) as u8]).count(),
-                _ if length > 0 => {
-                    bytes[at] ^= 1 << self.below(8);
-                    1
-                }
-                _ => 0,
-            };
-        }
-        bytes
+    for _ in 0..=random.below(4) {
+        let at = random.below(bytes.len());
+        let length = random.below(40).min(bytes.len() - at);
+        match random.below(8) {
+            0 => bytes.splice(at..at, *b"2147483648").count(),
+            1 => bytes.splice(at..at + length, []).count(),
+            2 => {
+                let piece = bytes[at..at + length].to_vec();
+                let to = random.below(bytes.len());
+                bytes.splice(to..to, piece).count()
+            }
+            3 if length >= 4 => bytes.splice(at..at + 4, [[0xff; 4], [0; 4], [0xff, 0xff, 0xff, 0x7f]][random.below(3)]).count(),
+            4 | 5 => bytes.splice(at..at + length.min(1), [b"0123456789-+.,eE \n{}[]\":#"[random.below(25)]]).count(),
+            6 => bytes.splice(at..at + length.min(1), [random.below(256) as u8]).count(),
+            _ if length > 0 => {
+                bytes[at] ^= 1 << random.below(8);
+                1
+            }
+            _ => 0,
+        };
     }
+    bytes
 }
 
 /// Runs a body over its sample cut at every byte and over mutants of it; some of both have to be read and some refused.
@@ -125,8 +111,8 @@ fn attack(sample: &[u8], read: fn(&[u8]) -> bool, mutants: usize, step: usize) {
     assert!(read(sample), "the sample itself");
     let cuts = (0..sample.len()).step_by(step).filter(|&cut| read(&sample[..cut])).count();
     assert!(cuts * step < sample.len());
-    let mut seeded = Seeded(11);
-    let good = (0..mutants).filter(|_| read(&seeded.damage(sample))).count();
+    let mut random = Sequence(11);
+    let good = (0..mutants).filter(|_| read(&damage(&mut random, sample))).count();
     assert!(good > mutants / 200 && good < mutants - mutants / 200, "{good} of {mutants} were read");
 }
 

@@ -1,9 +1,10 @@
 //! What tables of markers have in common, whatever program wrote them: cells of text, numbers that stand for nothing, frame numbers and
 //! times, rows of different lengths.
 
-use super::assemble::Head;
+use super::head::Head;
 use super::number;
 use crate::error::{Error, Notes, Result};
+use crate::statistics::middle;
 use crate::words;
 use glam::DVec3;
 use std::borrow::Cow;
@@ -225,11 +226,7 @@ impl Grid {
         let mut origin = DVec3::ZERO;
         for axis in 0..3 {
             let mut values: Vec<f64> = self.early.iter().map(|(_, p)| p[axis]).collect();
-            if values.is_empty() {
-                break;
-            }
-            let middle = values.len() / 2;
-            let median = *values.select_nth_unstable_by(middle, f64::total_cmp).1;
+            let Some(median) = middle(&mut values) else { break };
             if median.abs() > FAR && median.abs() < 1e15 {
                 origin[axis] = median.round();
             }

@@ -13,7 +13,7 @@ fn found(file: &str) -> Option<Capture> {
 }
 
 /// A real file with all its columns, before any choice of markers.
-fn table_of(file: &str) -> Option<(assemble::Head, MarkerTake)> {
+fn table_of(file: &str) -> Option<(head::Head, MarkerTake)> {
     let bytes = source::load(&real(file)?).unwrap();
     let table = trc::read(&bytes, &ReadOptions::default()).unwrap();
     let columns: Vec<usize> = (0..table.head.labels.len()).collect();

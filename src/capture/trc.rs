@@ -4,7 +4,7 @@
 //! how many cells the rows have, and their counts are often wrong; so the rows are believed, and the header only for rate and unit.
 
 use super::ReadOptions;
-use super::assemble::Head;
+use super::head::Head;
 use super::table::{Grid, Lines, MOST_MARKERS, Separator, Table, decode, value, whole};
 use crate::error::{Error, Notes, Result};
 use crate::space::{Evidence, Known, Space, Unit};

@@ -5,10 +5,10 @@ use super::articulate;
 use super::console::Console;
 use super::decisions::{FOLDING, binding_json, done_line, oriented_json, outcome_warnings, within};
 use super::outputs;
+use super::rig::Rig;
 use super::setup::{Setup, warn};
 use super::shells;
 use crate::batch::record::Summary;
-use crate::binding::rig::RigFile;
 use crate::error::{Error, Kind, Result};
 use crate::export::{Cancel, FrameSink, Header};
 use crate::pipeline::{self, Job, Progress};
@@ -30,9 +30,10 @@ pub(super) struct Finished {
 /// Runs the main job.
 pub(super) fn run(args: &Animate, console: &Console, cancel: Cancel) -> Result<Finished> {
     let start = Instant::now();
+    let rig = Rig::read(args)?;
     let mut merged = args.clone();
-    if let Some(path) = &args.rig {
-        merged.shells.take_from(&RigFile::read(path)?.solver.shell)?;
+    if args.rig.is_some() {
+        merged.shells.take_from(&rig.file().solver.shell)?;
     }
     let args = &merged;
     let threads = args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
@@ -51,7 +52,7 @@ pub(super) fn run(args: &Animate, console: &Console, cancel: Cancel) -> Result<F
         articulate::not_used(args)?;
         articulate::set_up(args, console, &cancel, start)?
     } else {
-        Setup::make(args, console, &cancel, start)?
+        Setup::make(args, &rig, console, &cancel, start)?
     };
     setup.animate(args, console, cancel, sinks, threads > 1)
 }

@@ -1,14 +1,13 @@
 //! The arguments as typed: strings checked and turned into values, nothing opened yet.
 
-use super::blend::Blend;
-use super::shells::ShellArgs;
-use crate::binding;
+use super::shells::{ExampleScale, MaterialArgs, ShellArgs};
+pub(super) use super::values::{Align, EncodeArg, Map, Plant, QualityArg, Reference, StyleArg, Weights};
+use super::values::{
+    parse_finite, parse_frames, parse_percent, parse_positive, parse_rate, parse_reach, parse_reference, parse_weights,
+};
 use crate::binding::select::{Hold, Selector, Stiffness};
-use crate::deform::volumetric::Options;
-use crate::export::encode::Encode;
-use crate::proxy::rows::MapKind;
 use crate::space::{Axis, Unit};
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
 
 /// The version and, built from a working copy, the commit.
@@ -99,22 +98,54 @@ pub struct Joints {
     pub reach: f64,
 }
 
-/// `--style`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum StyleArg {
-    /// Parts that meet at a flat round face turn on it
-    Mechanism,
-    /// They slide on it
-    Furniture,
-}
-
-impl From<StyleArg> for crate::joints::Style {
-    fn from(style: StyleArg) -> Self {
-        match style {
-            StyleArg::Mechanism => Self::Mechanism,
-            StyleArg::Furniture => Self::Furniture,
-        }
-    }
+/// Arguments of `retarget blend`.
+#[derive(Debug, Args)]
+pub struct Blend {
+    /// The mesh at rest: OBJ, PLY, OFF, glTF or GLB (also .gz and .zip)
+    pub rest: PathBuf,
+    /// Its examples: meshes with the same vertices and faces in other poses, folders of such, or glTF with morph targets
+    #[arg(required = true, value_name = "POSE")]
+    pub examples: Vec<PathBuf>,
+    /// A weight for each example, -20 to 20, for one frame; below 0 and above 1 exaggerates (repeatable)
+    #[arg(long, value_name = "W,...", value_parser = parse_weights, allow_hyphen_values = true, required_unless_present = "weights")]
+    pub at: Vec<Weights>,
+    /// A table of weights: a line per frame, a number per example, separated by commas; a first line of names is skipped
+    #[arg(long, value_name = "FILE.csv", conflicts_with = "at")]
+    pub weights: Option<PathBuf>,
+    /// What to write; the extension is the format: .ply or .obj (a run of # for the frame number where there are several frames), .glb, .abc, .usdc,
+    /// .usda, .usdz, .pc2, .mdd, .html, .png, .apng (repeatable)
+    #[arg(short, long = "out", value_name = "FILE", required = true)]
+    pub out: Vec<PathBuf>,
+    /// How far a .glb or .html may be from the poses at the worst vertex of the worst frame, in percent of the mesh's diagonal (default 0.25), and a fifth
+    /// of it root mean square
+    #[arg(long, value_name = "PCT", value_parser = parse_percent)]
+    pub tolerance: Option<f64>,
+    /// By what a .glb or .html holds the motion
+    #[arg(long, value_enum, default_value_t = EncodeArg::Auto)]
+    pub encode: EncodeArg,
+    /// Replace outputs that exist
+    #[arg(long)]
+    pub force: bool,
+    /// Frames per second of what is written
+    #[arg(long, value_name = "HZ", default_value_t = 30.0, value_parser = parse_rate)]
+    pub fps: f64,
+    /// Steps on the whole mesh after the coarse one is solved
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(0..=1000))]
+    pub refine: u32,
+    /// Vertices of the coarse mesh, 100 to 100000 (default: 1000)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=100_000))]
+    pub proxy_vertices: Option<u32>,
+    /// Examples of another size: taken as they are (1, the default), or scaled so that their edges are as long as those of the mesh (auto)
+    #[arg(long, value_enum)]
+    pub example_scale: Option<ExampleScale>,
+    #[command(flatten)]
+    pub material: MaterialArgs,
+    /// Print errors only
+    #[arg(short, long, conflicts_with = "verbose")]
+    pub quiet: bool,
+    /// Print the steps of each frame
+    #[arg(short, long)]
+    pub verbose: bool,
 }
 
 /// Arguments of `retarget batch`.
@@ -381,155 +412,6 @@ pub struct Animate {
     pub verbose: bool,
 }
 
-/// `--align`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Align {
-    /// Markers: similarity if the scan stands as the actor does in the reference frame, pose if it is his own, else retarget. Skeletons: their joints turn the parts of the scan
-    Auto,
-    /// The capture already is in the scan's space; only units are converted
-    None,
-    /// One scale, rotation and shift
-    Similarity,
-    /// One scale, rotation and shift; attachment points from an articulated fit
-    Pose,
-    /// Every segment of the scan turns as the actor's does, on the scan's own lengths
-    Retarget,
-}
-
-/// `--encode`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum EncodeArg {
-    /// A skin, with corrective morph targets where joints no longer help
-    Auto,
-    /// A skin alone
-    Skin,
-    /// Morph targets alone, under a node that carries the motion of the whole
-    Morph,
-}
-
-impl From<EncodeArg> for Encode {
-    fn from(encode: EncodeArg) -> Self {
-        match encode {
-            EncodeArg::Auto => Self::Auto,
-            EncodeArg::Skin => Self::Skin,
-            EncodeArg::Morph => Self::Morph,
-        }
-    }
-}
-
-/// `--plant`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Plant {
-    /// Held where they came down, by the two bones of the leg
-    Auto,
-    /// As the joints have it
-    Off,
-}
-
-/// `--map`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Map {
-    /// Gradients averaged over the ring of tetrahedra
-    Ring,
-    /// Stoll et al. 2007, (2.9)-(2.12)
-    Paper,
-}
-
-impl From<Align> for binding::Align {
-    fn from(align: Align) -> Self {
-        match align {
-            Align::Auto => Self::Auto,
-            Align::None => Self::None,
-            Align::Similarity => Self::Similarity,
-            Align::Pose => Self::Pose,
-            Align::Retarget => Self::Retarget,
-        }
-    }
-}
-
-impl From<Map> for MapKind {
-    fn from(map: Map) -> Self {
-        match map {
-            Map::Ring => MapKind::Ring,
-            Map::Paper => MapKind::Paper,
-        }
-    }
-}
-
-/// `--quality`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum QualityArg {
-    /// For a first look: 99 % of a person within about 1 mm of the converged pose, 3 mm at worst; half the time of default
-    Draft,
-    /// 99 % within about 0.1 mm, 0.3 mm at worst, where markers are on the whole body; 8 to 9 passes of the solver per frame at 100 to 120 Hz
-    Default,
-    /// Within about 0.01 mm; two to three times the time of default
-    Converged,
-}
-
-impl QualityArg {
-    /// Largest step of the solver at which a frame counts as solved, in diagonals.
-    pub fn tolerance(self) -> f64 {
-        match self {
-            QualityArg::Draft => Options::DRAFT,
-            QualityArg::Default => Options::NORMAL,
-            QualityArg::Converged => Options::CONVERGED,
-        }
-    }
-}
-
-/// `--ref`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reference {
-    /// The frame nearest to the scan's pose.
-    Auto,
-    /// This frame, in the capture's own numbering.
-    Frame(i64),
-}
-
-fn parse_reference(text: &str) -> Result<Reference, String> {
-    if text.eq_ignore_ascii_case("auto") {
-        return Ok(Reference::Auto);
-    }
-    text.parse().map(Reference::Frame).map_err(|_| "expected 'auto' or a frame number".into())
-}
-
-fn parse_frames(text: &str) -> Result<(i64, i64), String> {
-    let (a, b) = text.split_once("..").ok_or("expected A..B, both inclusive, for example 120..480")?;
-    let number = |s: &str| s.trim().trim_start_matches('=').parse::<i64>().map_err(|_| format!("'{s}' is not a frame number"));
-    let (a, b) = (number(a)?, number(b)?);
-    if a > b {
-        return Err(format!("the range ends ({b}) before it begins ({a})"));
-    }
-    Ok((a, b))
-}
-
-fn parse_finite(text: &str) -> Result<f64, String> {
-    text.parse::<f64>().ok().filter(|x| x.is_finite()).ok_or_else(|| "expected a number".into())
-}
-
-pub(super) fn parse_percent(text: &str) -> Result<f64, String> {
-    parse_positive(text).ok().filter(|p| *p <= 100.0).ok_or_else(|| "expected a percentage above 0, at most 100".into())
-}
-
-fn parse_rate(text: &str) -> Result<f64, String> {
-    parse_positive(text)
-        .ok()
-        .filter(|r| (0.01..=1000.0).contains(r))
-        .ok_or_else(|| "expected 0.01 to 1000 frames per second".into())
-}
-
-fn parse_reach(text: &str) -> Result<f64, String> {
-    parse_positive(text).ok().filter(|r| (0.01..=10.0).contains(r)).ok_or_else(|| "expected 0.01 to 10 per cent".into())
-}
-
-fn parse_positive(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
-        _ => Err("expected a positive number".into()),
-    }
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
@@ -556,14 +438,5 @@ mod tests {
         let cli = Cli::try_parse_from(["retarget", "inspect", "a.obj"]).unwrap();
         assert!(matches!(cli.command, Some(Command::Inspect(i)) if i.files.len() == 1));
         assert!(Cli::try_parse_from(["retarget", "a.obj", "b.c3d"]).is_err(), "an output is required");
-    }
-
-    #[test]
-    fn ranges_and_numbers_are_checked() {
-        assert_eq!(parse_frames("1..=3"), Ok((1, 3)));
-        assert!(parse_frames("3..1").is_err());
-        assert!(parse_frames("7").is_err());
-        assert_eq!(parse_reference("279"), Ok(Reference::Frame(279)));
-        assert!(parse_positive("-1").is_err() && parse_positive("nan").is_err());
     }
 }

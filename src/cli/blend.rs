@@ -1,16 +1,16 @@
 //! `retarget blend`: poses between and beyond examples, for weights that are given.
 
-use super::args::{EncodeArg, parse_percent};
+use super::args::{Blend, Weights};
 use super::console::Console;
 use super::outputs;
-use super::shells::{self, ExampleScale, Examples, MaterialArgs};
+use super::shells::{self, Examples};
+use super::values::parse_weights;
 use crate::deform::shells::{Body, Interpolator, too_far};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::export::{Cancel, FrameBatch, FrameSink, Header};
 use crate::scan::{self, Scan, UnitBox};
 use crate::surface::{Fans, NormalVertices, SurfaceMap};
 use crate::words;
-use clap::Args;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,60 +20,6 @@ use std::time::Instant;
 const WORTH: usize = 2;
 /// Most weights in a file.
 const MOST: usize = 1 << 26;
-
-/// Arguments of `retarget blend`.
-#[derive(Debug, Args)]
-pub struct Blend {
-    /// The mesh at rest: OBJ, PLY, OFF, glTF or GLB (also .gz and .zip)
-    pub rest: PathBuf,
-    /// Its examples: meshes with the same vertices and faces in other poses, folders of such, or glTF with morph targets
-    #[arg(required = true, value_name = "POSE")]
-    pub examples: Vec<PathBuf>,
-    /// A weight for each example, -20 to 20, for one frame; below 0 and above 1 exaggerates (repeatable)
-    #[arg(long, value_name = "W,...", value_parser = parse_weights, allow_hyphen_values = true, required_unless_present = "weights")]
-    pub at: Vec<Weights>,
-    /// A table of weights: a line per frame, a number per example, separated by commas; a first line of names is skipped
-    #[arg(long, value_name = "FILE.csv", conflicts_with = "at")]
-    pub weights: Option<PathBuf>,
-    /// What to write; the extension is the format: .ply or .obj (a run of # for the frame number where there are several frames), .glb, .abc, .usdc,
-    /// .usda, .usdz, .pc2, .mdd, .html, .png, .apng (repeatable)
-    #[arg(short, long = "out", value_name = "FILE", required = true)]
-    pub out: Vec<PathBuf>,
-    /// How far a .glb or .html may be from the poses at the worst vertex of the worst frame, in percent of the mesh's diagonal (default 0.25), and a fifth
-    /// of it root mean square
-    #[arg(long, value_name = "PCT", value_parser = parse_percent)]
-    pub tolerance: Option<f64>,
-    /// By what a .glb or .html holds the motion
-    #[arg(long, value_enum, default_value_t = EncodeArg::Auto)]
-    pub encode: EncodeArg,
-    /// Replace outputs that exist
-    #[arg(long)]
-    pub force: bool,
-    /// Frames per second of what is written
-    #[arg(long, value_name = "HZ", default_value_t = 30.0, value_parser = parse_rate)]
-    pub fps: f64,
-    /// Steps on the whole mesh after the coarse one is solved
-    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(0..=1000))]
-    pub refine: u32,
-    /// Vertices of the coarse mesh, 100 to 100000 (default: 1000)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=100_000))]
-    pub proxy_vertices: Option<u32>,
-    /// Examples of another size: taken as they are (1, the default), or scaled so that their edges are as long as those of the mesh (auto)
-    #[arg(long, value_enum)]
-    pub example_scale: Option<ExampleScale>,
-    #[command(flatten)]
-    pub material: MaterialArgs,
-    /// Print errors only
-    #[arg(short, long, conflicts_with = "verbose")]
-    pub quiet: bool,
-    /// Print the steps of each frame
-    #[arg(short, long)]
-    pub verbose: bool,
-}
-
-/// Weights of one frame.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Weights(Vec<f64>);
 
 /// Runs it.
 pub(super) fn run(args: &Blend, console: &Console) -> Result<()> {
@@ -113,10 +59,7 @@ pub(super) fn run(args: &Blend, console: &Console) -> Result<()> {
         .hint(examples.names.join(", ")));
     }
     let mut poser = Poser::new(args, &scan, unit_box, &examples, &cancel, &mut notes)?;
-    console.station(
-        "rest",
-        &format!("{}  {} vertices", super::decisions::file_name(&args.rest), words::count(scan.mesh.positions.len())),
-    );
+    console.station("rest", &format!("{}  {} vertices", words::file_name(&args.rest), words::count(scan.mesh.positions.len())));
     console.station("examples", &examples.names.join(" \u{b7} "));
     console.station("shell", &poser.words());
     notes.iter().for_each(|text| console.warning(text));
@@ -205,7 +148,7 @@ impl Poser {
         cancel: &Cancel,
         notes: &mut Notes,
     ) -> Result<Self> {
-        let points: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
+        let points = unit_box.enter_all(&scan.mesh.positions);
         let triangles = scan.mesh.vertex_triangles();
         let level = |vertices: Option<u32>| -> Result<Level> {
             let body =
@@ -300,25 +243,13 @@ fn is_one_frame(path: &Path) -> bool {
     (name.ends_with(".ply") || name.ends_with(".obj")) && !name.contains('#')
 }
 
-fn parse_weights(text: &str) -> Result<Weights, String> {
-    let number = |word: &str| word.trim().parse::<f64>().ok().filter(|w| w.is_finite());
-    let weights: Option<Vec<f64>> = text.split(',').map(number).collect();
-    weights.map(Weights).ok_or_else(|| "expected numbers, separated by commas".into())
-}
-
-fn parse_rate(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|r| (0.01..=1000.0).contains(r)).ok_or_else(|| "expected 0.01 to 1000 frames per second".into())
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
     #[test]
-    fn weights_are_read_from_words_and_tables() {
-        assert_eq!(parse_weights("0.5, -0.2"), Ok(Weights(vec![0.5, -0.2])));
-        assert!(parse_weights("0.5,").is_err() && parse_weights("nan").is_err());
+    fn weights_are_read_from_tables() {
         assert_eq!(table("fist,bent\n0,1\n\n0.5, 0.5\n").unwrap(), [vec![0.0, 1.0], vec![0.5, 0.5]]);
         let error = table("0,1\n0;1\n").unwrap_err().to_string();
         assert!(error.contains("line 2"), "{error}");

@@ -1,7 +1,6 @@
 //! What moves the scan: a capture, its static trial, tables of handles.
 
 use super::args::Animate;
-use super::decisions::file_name;
 use super::rig::Rig;
 use crate::binding::Binding;
 use crate::capture::handles_csv::HandleTable;
@@ -9,7 +8,7 @@ use crate::capture::resample::Sampling;
 use crate::capture::{self, Capture, ReadOptions};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::pipeline;
-use crate::words;
+use crate::words::{self, file_name};
 use std::ops::Range;
 use std::path::Path;
 
@@ -37,8 +36,9 @@ pub(super) fn is_table(path: &Path) -> bool {
     capture::is_handle_table(path)
 }
 
-pub(super) fn read_captures(args: &Animate, rig: &Rig) -> Result<Captures> {
-    let options = ReadOptions {
+/// What of the capture is read.
+pub(super) fn read_options(args: &Animate) -> ReadOptions {
+    ReadOptions {
         subject: args.subject.clone(),
         rate: args.rate,
         clip: args.clip.clone(),
@@ -46,7 +46,11 @@ pub(super) fn read_captures(args: &Animate, rig: &Rig) -> Result<Captures> {
         bodies: args.bodies,
         surface: args.surface,
         as_found: false,
-    };
+    }
+}
+
+pub(super) fn read_captures(args: &Animate, rig: &Rig) -> Result<Captures> {
+    let options = read_options(args);
     let mut tables = Vec::new();
     let capture = if is_table(&args.capture) {
         let table = HandleTable::read(&args.capture)?;

@@ -9,10 +9,9 @@ use crate::error::{Error, Kind, Notes, Result};
 use crate::export::Written;
 use crate::pipeline::Outcome;
 use crate::scan::{Scan, UnitBox};
-use crate::words;
+use crate::words::{self, file_name};
 use serde_json::{Value, json};
 use std::ops::Range;
-use std::path::Path;
 
 pub(super) fn bind_line(args: &Animate, binding: &Binding) -> String {
     // Handles at joints of sets of few markers are the binding's own.
@@ -301,8 +300,4 @@ fn written_words(written: &Written, diagonal: f64, metres: Option<f64>) -> Strin
         }
     }
     text + ")"
-}
-
-pub(super) fn file_name(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }

@@ -145,7 +145,7 @@ fn mesh(path: &Path) -> Result<Found> {
     let (lo, hi) = used.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
     let sides = |n: std::ops::RangeInclusive<usize>| mesh.faces.iter().filter(|f| n.contains(&f.len())).count();
     let (triangles, quads, larger) = (sides(0..=3), sides(4..=4), sides(5..=usize::MAX));
-    let points: Vec<DVec3> = mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
+    let points = unit_box.enter_all(&mesh.positions);
     let body = landmarks::find(&points, &mesh.vertex_triangles());
     let round = |v: DVec3| v.to_array().map(|c| (c * 1e6).round() / 1e6);
     let mut lines = vec![

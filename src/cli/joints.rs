@@ -13,7 +13,7 @@ use crate::picture::{Colors, Mark, Shape, Sheet, Stroke, Surface, View};
 use crate::scan::{self, Scan, UnitBox};
 use crate::words;
 use glam::DVec3;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Components that a file may have: their pairs are all looked at.
 const MOST: usize = 2000;
@@ -203,7 +203,7 @@ const SURE: [u8; 3] = [30, 124, 84];
 const DOUBTFUL: [u8; 3] = [200, 62, 34];
 
 fn drawn(args: &Joints, scan: &Scan, unit_box: UnitBox, components: &[Component], found: &[Joint]) -> crate::picture::Picture {
-    let points: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
+    let points = unit_box.enter_all(&scan.mesh.positions);
     let triangles: Vec<[u32; 3]> = components.iter().flat_map(|c| c.triangles.iter().copied()).collect();
     let colors: Vec<[u8; 3]> =
         components.iter().enumerate().flat_map(|(k, c)| c.triangles.iter().map(move |_| COLORS[k % COLORS.len()])).collect();
@@ -232,13 +232,12 @@ fn drawn(args: &Joints, scan: &Scan, unit_box: UnitBox, components: &[Component]
     };
     let side = up.cross(front);
     let view = |title: &str, toward: DVec3| View { title: title.into(), toward, up };
-    let of = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     crate::picture::draw(&Sheet {
         surfaces: vec![Surface { points: &points, triangles: &triangles, colors: Colors::PerFace(&colors) }],
         views: vec![view("front", front), view("side", side), view("above", front + side + up)],
         marks: marks.collect(),
         strokes: strokes.collect(),
-        heading: vec![format!("{}: joints", of(&args.model))],
+        heading: vec![format!("{}: joints", words::file_name(&args.model))],
         legend: vec![(Shape::Dot, SURE, "sure".into()), (Shape::Dot, DOUBTFUL, "to look at".into())],
         height: 640,
     })

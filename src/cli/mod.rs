@@ -19,6 +19,7 @@ mod proxies;
 mod rig;
 mod setup;
 mod shells;
+mod values;
 
 use crate::export::Cancel;
 use args::{Cli, Command};

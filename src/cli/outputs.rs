@@ -3,8 +3,8 @@
 use super::args::{Animate, EncodeArg};
 use crate::error::{Error, Kind, Result};
 use crate::export::{
-    FrameSink, alembic::Alembic, encode::Tolerance, files, glb, obj::ObjFrames, page::PageSink, ply::PlyFrames,
-    point_cache::PointCache, stills::Stills, usd::Usd,
+    FrameSink, Tolerance, alembic::Alembic, files, glb, obj::ObjFrames, page::PageSink, ply::PlyFrames, point_cache::PointCache,
+    stills::Stills, usd::Usd,
 };
 use std::path::{Path, PathBuf};
 

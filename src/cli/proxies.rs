@@ -1,7 +1,6 @@
 //! The proxy of a scan and the map from it, from the cache where they are there.
 
 use super::args::{Animate, Map};
-use super::decisions::file_name;
 use super::shells::{self, Examples};
 use crate::cache::{Cache, Key};
 use crate::deform::shells::Body;
@@ -10,7 +9,7 @@ use crate::export::Cancel;
 use crate::proxy::{self, BuildOptions, Proxy, medit};
 use crate::scan::{Faces, Scan, UnitBox};
 use crate::surface::{Apart, SurfaceMap};
-use crate::words;
+use crate::words::{self, file_name};
 use glam::DVec3;
 
 /// A proxy, with the words of its line.

@@ -4,7 +4,7 @@ use super::args::{Animate, QualityArg};
 use super::captures::{Captures, is_table, read_captures, resample};
 use super::console::Console;
 use super::decisions::{
-    bind_line, binding_details, capture_line, cut, file_name, repair_details, repairs_json, scan_line, solve_line, unbound,
+    bind_line, binding_details, capture_line, cut, repair_details, repairs_json, scan_line, solve_line, unbound,
 };
 use super::fit::{Fitted, Fitting, holdings};
 use super::grown::{self, Recut};
@@ -29,11 +29,11 @@ use crate::proxy::{self, Proxy, medit};
 use crate::scan::{self, Scan, UnitBox};
 use crate::spatial::TriangleTree;
 use crate::surface::{Apart, SurfaceMap};
-use crate::words;
+use crate::words::{self, file_name};
 use glam::DVec3;
 use serde_json::Value;
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -68,12 +68,11 @@ pub(super) struct Setup {
 
 impl Setup {
     /// Reads, decides and computes, and says what it decided.
-    pub(super) fn make(args: &Animate, console: &Console, cancel: &Cancel, start: Instant) -> Result<Self> {
+    pub(super) fn make(args: &Animate, rig: &Rig, console: &Console, cancel: &Cancel, start: Instant) -> Result<Self> {
         let mut clock = Clock::new(start);
         let mut warnings = Vec::new();
-        let rig = Rig::read(args)?;
         let cache = args.cache.as_ref().map(|folder| Cache::open(folder, args.cache_size << 20)).transpose()?;
-        let (scan, captures) = rayon::join(|| scan::read(&args.scan), || read_captures(args, &rig));
+        let (scan, captures) = rayon::join(|| scan::read(&args.scan), || read_captures(args, rig));
         let (scan, mut captures) = (scan?, captures?);
         clock.lap("read");
         cancel.check()?;
@@ -86,13 +85,14 @@ impl Setup {
         let unit_box = UnitBox::of(&scan.mesh).ok_or_else(|| {
             Error::malformed("the mesh has no extent").file(&args.scan).expected("faces over at least two different positions")
         })?;
-        let points: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
+        let points = unit_box.enter_all(&scan.mesh.positions);
         let triangles = scan.mesh.vertex_triangles();
         let mut example_notes = Notes::default();
         let examples = Examples::read(&args.shells.examples, args.shells.example_scale, &scan, unit_box, &mut example_notes)?;
+        let scene = Scene { args, cache: cache.as_ref(), unit_box, points: &points, examples: &examples, cancel };
         let (built, bound) = rayon::join(
-            || body(args, cache.as_ref(), &scan, unit_box, &points, &triangles, &examples, cancel),
-            || bind(args, &scan, unit_box, &points, &triangles, &mut captures, &rig, (console, cancel)),
+            || scene.body(&scan, &points, &triangles),
+            || bind(args, &scan, unit_box, &points, &triangles, &mut captures, rig, (console, cancel)),
         );
         let (mut binding, found) = match bound {
             Err(error) if matches!(error.kind, Kind::Refused | Kind::Ambiguous) && args.picture.is_some() => {
@@ -102,39 +102,17 @@ impl Setup {
             bound => bound?,
         };
         let (line_of_scan, faces_read) = (scan_line(args, &scan, &binding), scan.mesh.faces.len());
-        let recut = found.and_then(|found| grown::recut(args, &scan, unit_box, &points, &found, &mut binding.notes));
-        let (scan, triangles, built, mut apart) = match recut {
-            Some(Recut { scan, shift }) => {
-                let triangles = scan.mesh.vertex_triangles();
-                let moved = shift.as_deref().map(|shift| grown::moved(&points, shift));
-                let points = moved.as_ref().unwrap_or(&points);
-                let mut built = body(args, cache.as_ref(), &scan, unit_box, points, &triangles, &examples, cancel);
-                let apart = match (&shift, &mut built) {
-                    (Some(shift), Ok(made)) => {
-                        made.touching = true;
-                        let proxy = proxy::carry_back(&mut made.proxy, points, &triangles, shift);
-                        Some(Apart { proxy, points: points.clone() })
-                    }
-                    _ => None,
-                };
-                (scan, triangles, built, apart)
-            }
-            None => (scan, triangles, built, None),
-        };
+        let Standing { scan, triangles, built, mut apart } = scene.stand(scan, triangles, built, found, &mut binding.notes);
         let (mut capture, reference) = (captures.capture, captures.reference);
         console.station("scan", &line_of_scan);
         console.station("capture", &capture_line(args, &capture, &binding));
         console.station("bind", &bind_line(args, &binding));
-        warn(console, &mut warnings, &scan.notes);
-        warn(console, &mut warnings, &example_notes);
-        warn(console, &mut warnings, &capture.notes);
-        if let Some(reference) = &reference {
-            warn(console, &mut warnings, &reference.notes);
+        let told = [&scan.notes, &example_notes, &capture.notes].into_iter().chain(reference.as_ref().map(|trial| &trial.notes));
+        told.for_each(|notes| warn(console, &mut warnings, notes));
+        let grips = grips::missing(&binding.turning, &holdings(args), range.clone());
+        for notes in [&cut(args, &capture, &range), &binding.notes, &unbound(&binding), &grips] {
+            warn(console, &mut warnings, notes);
         }
-        warn(console, &mut warnings, &cut(args, &capture, &range));
-        warn(console, &mut warnings, &binding.notes);
-        warn(console, &mut warnings, &unbound(&binding));
-        warn(console, &mut warnings, &grips::missing(&binding.turning, &holdings(args), range.clone()));
         repair_details(&capture).iter().chain(&binding_details(&binding)).for_each(|line| console.detail(line));
         let Made { proxy, shell, words: remarks, notes, joined, touching } = built?;
         console.station("proxy", &remarks);
@@ -157,49 +135,24 @@ impl Setup {
         let range = resample(args, &mut capture, &mut binding, range)?;
         cancel.check()?;
 
-        let fitting = Fitting { args, rig: &rig, scan: &scan, points: &points, unit_box, binding: &binding };
+        let fitting = Fitting { args, rig, scan: &scan, points: &points, unit_box, binding: &binding };
         let joints = touching.then_some(&joined[..]);
         let (coarse, loose) = fitting.fit(proxy, shell, apart.as_mut(), joints)?;
         warn(console, &mut warnings, &loose);
-        let whole = match (&coarse.shell, args.refine) {
-            (Some(body), Some(_)) => {
-                let all =
-                    shells::whole(&points, &triangles, &examples, body, &|| cancel.check()).map_err(|e| e.file(&scan.source))?;
-                Some(fitting.fit(all.proxy.clone(), Some(all), None, None)?.0)
-            }
-            _ => None,
-        };
-        let regions = &coarse.regions;
-        if !regions.counts.is_empty() {
-            console.station("parts", &regions.words());
+        let whole = scene.whole(&fitting, &coarse, &triangles)?;
+        if !coarse.regions.counts.is_empty() {
+            console.station("parts", &coarse.regions.words());
         }
-        let map_of_body = |fitted: &Fitted| match &fitted.shell {
-            Some(body) => Ok(map_of_shell(cache.as_ref(), body, &points, &scan.mesh.faces, &examples)),
-            None => map_of(args, cache.as_ref(), &fitted.proxy, &points, &scan.mesh.faces, apart.as_ref()),
-        };
-        let (map, made) = rayon::join(|| map_of_body(&coarse), || deformer(args, &coarse, capture.rate));
-        let (mut map, (mut deformer, notes)) = (map?, made?);
+        let (solved, notes) = scene.solved(&scan, coarse, whole, apart.as_ref(), capture.rate)?;
         warn(console, &mut warnings, &notes);
-        let mut fitted = coarse;
-        if let Some(whole) = whole {
-            if let Some(body) = &whole.shell {
-                deformer = refined(args, deformer, body, &whole, &map, capture.rate)?;
-            }
-            map = map_of_body(&whole)?;
-            fitted = whole;
-        }
-        let (map, Fitted { proxy, handles, oriented, regions, .. }) = (Arc::new(map), fitted);
-        if let Some(trouble) = cache.and_then(|cache| cache.trouble()) {
+        let Solved { map, deformer, fitted: Fitted { proxy, handles, oriented, regions, .. } } = solved;
+        if let Some(trouble) = cache.as_ref().and_then(Cache::trouble) {
             let mut notes = Notes::default();
             notes.warn(format!("the cache is not kept: {trouble}"));
             warn(console, &mut warnings, &notes);
         }
         if let Some(path) = &args.save_proxy {
-            let mut text = Vec::new();
-            medit::write(&mut text, &proxy, &unit_box).map_err(|e| Error::unwritable(path, &e))?;
-            let mut file = Pending::create(path)?;
-            file.write(&text)?;
-            file.finish()?;
+            save_proxy(path, &proxy, &unit_box)?;
         }
         clock.lap("map and factor");
         cancel.check()?;
@@ -212,7 +165,7 @@ impl Setup {
             unit_box,
             binding,
             proxy: Arc::new(proxy),
-            map,
+            map: Arc::new(map),
             handles,
             oriented,
             regions,
@@ -225,6 +178,104 @@ impl Setup {
             start,
         })
     }
+}
+
+/// What the steps of the set-up look at.
+struct Scene<'a> {
+    args: &'a Animate,
+    cache: Option<&'a Cache>,
+    unit_box: UnitBox,
+    /// Vertices of the scan in the unit box.
+    points: &'a [DVec3],
+    examples: &'a Examples,
+    cancel: &'a Cancel,
+}
+
+/// The scan as it is moved: without its floor and with its limbs apart.
+struct Standing {
+    scan: Scan,
+    triangles: Vec<[u32; 3]>,
+    built: Result<Made>,
+    apart: Option<Apart>,
+}
+
+/// The body that frames are solved on, and what solves them.
+struct Solved {
+    map: SurfaceMap,
+    deformer: Box<dyn Deformer>,
+    fitted: Fitted,
+}
+
+impl Scene<'_> {
+    /// `points`: where the vertices are that the body is made around.
+    fn body(&self, scan: &Scan, points: &[DVec3], triangles: &[[u32; 3]]) -> Result<Made> {
+        body(self.args, self.cache, scan, self.unit_box, points, triangles, self.examples, self.cancel)
+    }
+
+    /// Takes away what a scan has grown together with; the body is built anew then. `found`: the person in the scan.
+    fn stand(
+        &self,
+        scan: Scan,
+        triangles: Vec<[u32; 3]>,
+        built: Result<Made>,
+        found: Option<landmarks::Body>,
+        notes: &mut Notes,
+    ) -> Standing {
+        let recut = found.and_then(|found| grown::recut(self.args, &scan, self.unit_box, self.points, &found, notes));
+        let Some(Recut { scan, shift }) = recut else { return Standing { scan, triangles, built, apart: None } };
+        let triangles = scan.mesh.vertex_triangles();
+        let moved = shift.as_deref().map(|shift| grown::moved(self.points, shift));
+        let points = moved.as_deref().unwrap_or(self.points);
+        let mut built = self.body(&scan, points, &triangles);
+        let apart = match (&shift, &mut built) {
+            (Some(shift), Ok(made)) => {
+                made.touching = true;
+                let proxy = proxy::carry_back(&mut made.proxy, points, &triangles, shift);
+                Some(Apart { proxy, points: points.to_vec() })
+            }
+            _ => None,
+        };
+        Standing { scan, triangles, built, apart }
+    }
+
+    /// The whole mesh as a body, where frames are refined on it.
+    fn whole(&self, fitting: &Fitting<'_>, coarse: &Fitted, triangles: &[[u32; 3]]) -> Result<Option<Fitted>> {
+        let (Some(body), Some(_)) = (&coarse.shell, self.args.refine) else { return Ok(None) };
+        let all = shells::whole(self.points, triangles, self.examples, body, &|| self.cancel.check());
+        let all = all.map_err(|e| e.file(&fitting.scan.source))?;
+        Ok(Some(fitting.fit(all.proxy.clone(), Some(all), None, None)?.0))
+    }
+
+    /// Map and deformer of a body, and what is to be said of them; of the whole mesh where it is there.
+    fn solved(
+        &self,
+        scan: &Scan,
+        coarse: Fitted,
+        whole: Option<Fitted>,
+        apart: Option<&Apart>,
+        rate: f64,
+    ) -> Result<(Solved, Notes)> {
+        let map_of_body = |fitted: &Fitted| match &fitted.shell {
+            Some(body) => Ok(map_of_shell(self.cache, body, self.points, &scan.mesh.faces, self.examples)),
+            None => map_of(self.args, self.cache, &fitted.proxy, self.points, &scan.mesh.faces, apart),
+        };
+        let (map, made) = rayon::join(|| map_of_body(&coarse), || deformer(self.args, &coarse, rate));
+        let (map, (mut deformer, notes)) = (map?, made?);
+        let Some(whole) = whole else { return Ok((Solved { map, deformer, fitted: coarse }, notes)) };
+        if let Some(body) = &whole.shell {
+            deformer = refined(self.args, deformer, body, &whole, &map, rate)?;
+        }
+        Ok((Solved { map: map_of_body(&whole)?, deformer, fitted: whole }, notes))
+    }
+}
+
+/// Writes the body of `--save-proxy`.
+fn save_proxy(path: &Path, proxy: &Proxy, unit_box: &UnitBox) -> Result<()> {
+    let mut text = Vec::new();
+    medit::write(&mut text, proxy, unit_box).map_err(|e| Error::unwritable(path, &e))?;
+    let mut file = Pending::create(path)?;
+    file.write(&text)?;
+    file.finish().map(drop)
 }
 
 /// How frames are solved, in words.

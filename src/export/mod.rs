@@ -2,7 +2,6 @@
 
 use crate::error::{Error, Kind, Notes, Result};
 use crate::proxy::Proxy;
-use crate::report::FrameMeasure;
 use crate::scan::{Scan, UnitBox};
 use glam::DVec3;
 use std::path::PathBuf;
@@ -10,9 +9,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 pub mod alembic;
-pub mod encode;
+mod encode;
 pub mod files;
 pub mod glb;
+mod measures;
 pub mod obj;
 mod ogawa;
 pub mod page;
@@ -22,6 +22,11 @@ pub mod point_cache;
 mod single;
 pub mod stills;
 pub mod usd;
+
+pub use encode::{Encode, Tolerance};
+pub use measures::{FrameMeasure, Measures, Residual};
+
+pub(crate) use measures::rounded;
 
 #[cfg(test)]
 mod round_trips;
@@ -82,27 +87,6 @@ pub struct FrameBatch<'a> {
     pub points: &'a [Vec<[f32; 3]>],
     /// Unit normals per normal vertex (see [`crate::surface::NormalVertices`]), one array per frame; empty if no sink asked for them.
     pub normals: &'a [Vec<[f32; 3]>],
-}
-
-/// What was measured of some consecutive frames, and where their handles are and should be.
-#[derive(Clone, Copy, Debug)]
-pub struct Measures<'a> {
-    /// One per frame.
-    pub frames: &'a [FrameMeasure],
-    /// Names of the handles; those that turn come after the others.
-    pub names: &'a [String],
-    /// Names of the examples, if there are any.
-    pub examples: &'a [String],
-    /// A weight for each of them, one array per frame.
-    pub weights: &'a [Vec<f64>],
-    /// Where the handles hold the body at rest, in the unit box.
-    pub rest: &'a [DVec3],
-    /// Where they hold it, in the unit box, one array per frame.
-    pub holds: &'a [Vec<DVec3>],
-    /// Where they should be, in the unit box, one array per frame; not a number where one is missing.
-    pub targets: &'a [Vec<DVec3>],
-    /// Length of the scan's unit in metres, if known: residuals are in millimetres then, in the scan's unit otherwise.
-    pub metres: Option<f64>,
 }
 
 /// What a sink wants computed for it.

@@ -6,9 +6,9 @@
 use super::encode::spool::Spool;
 use super::files::{Pending, folder_of};
 use super::glb::{Options, Recording, file_space};
-use super::{FrameBatch, FrameSink, Header, Measures, Needs, Written};
+use super::{FrameBatch, FrameSink, Header, Measures, Needs, Written, rounded};
 use crate::error::{Error, Result};
-use crate::report::{Spread, rounded};
+use crate::statistics::Spread;
 use crate::words;
 use base64::{Base64, encoded};
 use glam::DVec3;

@@ -15,10 +15,11 @@ mod material;
 mod package;
 mod stage;
 mod text;
+mod tree;
 
 use material::Textures;
 use package::Package;
-use stage::Track;
+use tree::Track;
 
 /// Writes a `.usda`, `.usdc` or `.usdz` file, in the scan's own unit, axes and vertex order.
 #[derive(Debug)]

@@ -1,10 +1,11 @@
 //! Flat contacts that are joints all the same: housings of robots meet at flanges, and a block on a table is the exception.
 
+use super::Kind;
 use super::contact::Contact;
 use super::part::Part;
 use super::samples::Samples;
 use super::slippage::{Reading, Slippage};
-use super::{Kind, eigen};
+use crate::linalg::eigen;
 use glam::DVec3;
 
 /// Side walls reach this far from the axis, in radii of the patch.

@@ -6,7 +6,6 @@
 
 mod components;
 mod contact;
-pub(crate) mod eigen;
 mod flat;
 mod part;
 mod range;

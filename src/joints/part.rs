@@ -2,6 +2,7 @@
 
 use super::samples::Samples;
 use crate::spatial::TriangleTree;
+use crate::splitmix::{mix, unit};
 use glam::DVec3;
 use std::collections::HashMap;
 
@@ -169,16 +170,9 @@ fn spread([a, b, c]: &[DVec3; 3], (u, v): (f64, f64)) -> DVec3 {
     *a * (1.0 - s) + *b * (s * (1.0 - v)) + *c * (s * v)
 }
 
-/// Two numbers in 0 to 1 that depend on nothing but the keys (splitmix64).
+/// Two numbers in 0 to 1 that depend on nothing but the keys.
 fn hash(a: u64, b: u64) -> (f64, f64) {
-    let mix = |mut x: u64| {
-        x = x.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        x ^ (x >> 31)
-    };
     let first = mix(a.wrapping_mul(0x2545_F491_4F6C_DD1D) ^ mix(b));
-    let unit = |x: u64| (x >> 11) as f64 / (1u64 << 53) as f64;
     (unit(first), unit(mix(first)))
 }
 

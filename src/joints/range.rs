@@ -3,6 +3,7 @@
 use super::part::Part;
 use super::{Joint, Kind};
 use crate::spatial::PointTree;
+use crate::statistics::middle;
 use glam::{DMat3, DVec3};
 use std::f64::consts::PI;
 
@@ -223,8 +224,7 @@ fn roughness(joint: &Joint, a: &Part, b: &Part) -> f64 {
         }));
     }
     // The middle one: chamfers and rims in the contact are no noise.
-    let middle = heights.len() / 2;
-    if heights.is_empty() { 0.0 } else { *heights.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    middle(&mut heights).unwrap_or(0.0)
 }
 
 /// The largest value up to `most` that is reached by steps that fit.

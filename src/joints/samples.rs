@@ -1,5 +1,6 @@
 //! Points of a surface with their normals and areas.
 
+use crate::linalg::eigen;
 use glam::DVec3;
 
 /// Points with unit normals and weights (areas).
@@ -69,7 +70,7 @@ impl Samples {
                 }
             }
         }
-        let (values, vectors) = super::eigen::symmetric(matrix);
+        let (values, vectors) = eigen::symmetric(matrix);
         ([2, 1, 0].map(|k| DVec3::from(vectors[k])), [2, 1, 0].map(|k| values[k]))
     }
 }

@@ -1,7 +1,8 @@
 //! Slippage analysis (Xu et al. 2009, §3.2–3.3; Gelfand, Guibas 2004): the rigid motions that leave a surface in itself, read as a joint.
 
+use super::Kind;
 use super::samples::Samples;
-use super::{Kind, eigen};
+use crate::linalg::eigen;
 use glam::{DMat3, DVec3};
 
 /// A motion slips when the next eigenvalue is this much larger …

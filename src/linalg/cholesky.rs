@@ -6,7 +6,8 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::perm::PermRef;
 use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky, supernodal::SupernodalLltRef,
+    CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
+    supernodal::SupernodalLltRef,
 };
 use faer::sparse::linalg::{SupernodalThreshold, SymbolicSupernodalParams};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
@@ -21,6 +22,27 @@ impl fmt::Display for NotPositive {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("the matrix is not positive definite")
     }
+}
+
+/// Where the entries of a factor are, in blocks of columns. `merging`: neighbouring blocks merge that have at most so many columns and such a share of
+/// zeros.
+pub(super) fn analyse(
+    pattern: SymbolicSparseColMatRef<'_, u32>,
+    merging: &[(usize, f64)],
+) -> Result<SymbolicCholesky<u32>, NotPositive> {
+    let size = pattern.ncols();
+    let identity: Vec<u32> = (0..size as u32).collect();
+    factorize_symbolic_cholesky(
+        pattern,
+        Side::Lower,
+        SymmetricOrdering::Custom(PermRef::new_checked(&identity, &identity, size)),
+        CholeskySymbolicParams {
+            supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
+            supernodal_params: SymbolicSupernodalParams { relax: Some(merging) },
+            ..Default::default()
+        },
+    )
+    .map_err(|_| NotPositive)
 }
 
 /// `A = L Lᵀ` of a sparse symmetric matrix, in the order of its unknowns (see [`super::elimination_order`]).
@@ -60,19 +82,8 @@ impl Cholesky {
         if matrix.values.iter().any(|v| !v.is_finite()) {
             return Err(NotPositive);
         }
-        let identity: Vec<u32> = (0..size as u32).collect();
         let pattern = SymbolicSparseColMatRef::new_checked(size, size, &matrix.starts, None, &matrix.rows);
-        let symbolic = factorize_symbolic_cholesky(
-            pattern,
-            Side::Lower,
-            SymmetricOrdering::Custom(PermRef::new_checked(&identity, &identity, size)),
-            CholeskySymbolicParams {
-                supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
-                supernodal_params: SymbolicSupernodalParams { relax: Some(&MERGING) },
-                ..Default::default()
-            },
-        )
-        .map_err(|_| NotPositive)?;
+        let symbolic = analyse(pattern, &MERGING)?;
         let mut values = vec![0.0; symbolic.len_val()];
         let mut memory = MemBuffer::new(symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Spec::default()));
         symbolic

@@ -2,9 +2,10 @@
 
 mod cholesky;
 mod dense;
+pub(crate) mod eigen;
 pub(crate) mod lanes;
 mod ordering;
-pub mod repeated;
+pub(crate) mod repeated;
 pub(crate) mod rotation;
 mod symmetric;
 
@@ -12,7 +13,6 @@ pub use cholesky::{Cholesky, NotPositive};
 pub use dense::DenseCholesky;
 pub use lanes::{Lanes, use_baseline};
 pub use ordering::elimination_order;
-pub use repeated::RepeatedCholesky;
 pub use rotation::nearest_rotation;
 pub use symmetric::SymmetricMatrix;
 

@@ -1,13 +1,10 @@
 //! Sparse Cholesky factors of matrices that share one pattern: analysed once, factored again and again without allocation.
 
 use super::NotPositive;
+use super::cholesky::analyse;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
-use faer::perm::PermRef;
-use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
-};
-use faer::sparse::linalg::{SupernodalThreshold, SymbolicSupernodalParams};
+use faer::sparse::linalg::cholesky::{LltRef, SymbolicCholesky};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 use faer::{Conj, MatMut, Par, Side, Spec};
 
@@ -40,18 +37,7 @@ impl RepeatedCholesky {
     pub fn analyse(starts: Vec<u32>, rows: Vec<u32>, sides: usize) -> Result<Self, NotPositive> {
         let size = starts.len() - 1;
         let pattern = SymbolicSparseColMat::new_checked(size, size, starts, None, rows);
-        let identity: Vec<u32> = (0..size as u32).collect();
-        let symbolic = factorize_symbolic_cholesky(
-            pattern.as_ref(),
-            Side::Lower,
-            SymmetricOrdering::Custom(PermRef::new_checked(&identity, &identity, size)),
-            CholeskySymbolicParams {
-                supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
-                supernodal_params: SymbolicSupernodalParams { relax: Some(&MERGING) },
-                ..Default::default()
-            },
-        )
-        .map_err(|_| NotPositive)?;
+        let symbolic = analyse(pattern.as_ref(), &MERGING)?;
         let values = vec![0.0; symbolic.len_val()];
         let factoring = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Spec::default());
         let memory = MemBuffer::new(factoring.or(symbolic.solve_in_place_scratch::<f64>(sides, Par::Seq)));

@@ -1,5 +1,6 @@
 //! The sheet that everything is drawn on.
 
+use super::light::{linear_to_srgb, srgb_to_linear};
 use super::raster::Plane;
 use super::{Picture, Shape, lettering};
 use rayon::prelude::*;
@@ -104,13 +105,4 @@ impl Canvas {
         let pixels = self.pixels.iter().map(|p| p.map(|c| (c + 0.5) as u8)).collect();
         Picture { width: self.width, height: self.height, pixels }
     }
-}
-
-pub(super) fn srgb_to_linear(c: f32) -> f32 {
-    if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
-}
-
-fn linear_to_srgb(c: f32) -> f32 {
-    let c = c.clamp(0.0, 1.0);
-    if c <= 0.003_130_8 { c * 12.92 } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 }
 }

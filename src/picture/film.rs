@@ -1,7 +1,8 @@
 //! Many pictures of one moving surface, all at one scale, and animations of them.
 
+use super::camera::{Axes, Camera};
 use super::canvas::Canvas;
-use super::raster::{Camera, Plane};
+use super::raster::Plane;
 use super::shading::Shaded;
 use super::{GAP, INK, MARGIN, PAPER, Picture, Surface, lettering, shortened};
 use crate::error::{Error, Result};
@@ -13,31 +14,6 @@ const FLOOR: [u8; 3] = [222, 222, 218];
 const EDGE: f64 = 0.02;
 /// Lines of the floor on each side of its middle.
 const FLOOR_LINES: i32 = 7;
-
-/// Directions of a view.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Axes {
-    /// To the right in the picture.
-    pub right: DVec3,
-    /// Up in the picture.
-    pub up: DVec3,
-    /// To the eye.
-    pub toward: DVec3,
-}
-
-impl Axes {
-    /// A view from `toward`; `up` may be any direction that is not along it.
-    pub fn new(toward: DVec3, up: DVec3) -> Self {
-        let toward = toward.try_normalize().unwrap_or(DVec3::Z);
-        let right = up.cross(toward).try_normalize().unwrap_or_else(|| toward.any_orthonormal_vector());
-        Self { right, up: toward.cross(right), toward }
-    }
-
-    /// Where a point is in the picture, in units of space.
-    pub fn place(&self, p: DVec3) -> [f64; 2] {
-        [p.dot(self.right), p.dot(self.up)]
-    }
-}
 
 /// A camera with a picture of a fixed size.
 #[derive(Clone, Debug)]

@@ -2,19 +2,23 @@
 //!
 //! Drawn by the program itself, so that they look the same everywhere; the same bytes for any number of threads.
 
+mod camera;
 mod canvas;
-pub mod film;
+pub(crate) mod film;
 mod labels;
 mod lettering;
+mod light;
 mod raster;
 mod shading;
 mod texture;
 
 use crate::error::{Error, Result};
+pub(crate) use camera::Axes;
+use camera::Camera;
 use canvas::Canvas;
 use glam::DVec3;
 use labels::{Column, Slot};
-use raster::{Camera, Plane};
+use raster::Plane;
 use shading::Shaded;
 
 pub use texture::Texture;

@@ -1,7 +1,8 @@
 //! Normals and colours of a surface, ready to be drawn from any side.
 
-use super::canvas::srgb_to_linear;
+use super::light::srgb_to_linear;
 use super::{CLAY, Colors, Surface, Texture};
+use crate::equal::first_in_place;
 use glam::{DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
@@ -71,7 +72,7 @@ impl<'a> Shaded<'a> {
 /// A normal for each corner: of all faces around it that are not turned too far from its own. Vertices in the same place count as one.
 fn normals(surface: &Surface<'_>) -> Vec<[Vec3; 3]> {
     let (points, triangles) = (surface.points, surface.triangles);
-    let places = places(points);
+    let places = first_in_place(points);
     let face = |t: &[u32; 3]| {
         let [a, b, c] = t.map(|v| points[v as usize]);
         (b - a).cross(c - a)
@@ -101,16 +102,4 @@ fn normals(surface: &Surface<'_>) -> Vec<[Vec3; 3]> {
         sum.try_normalize().unwrap_or(units[t])
     };
     triangles.par_iter().enumerate().map(|(t, corners)| corners.map(|v| corner(t, v))).collect()
-}
-
-/// For each point the first one in the same place.
-fn places(points: &[DVec3]) -> Vec<u32> {
-    let key = |v: u32| points[v as usize].to_array().map(|x| (x + 0.0).to_bits());
-    let mut order: Vec<u32> = (0..points.len() as u32).collect();
-    order.par_sort_unstable_by_key(|&v| (key(v), v));
-    let mut places = vec![0; points.len()];
-    for group in order.chunk_by(|&a, &b| key(a) == key(b)) {
-        group.iter().for_each(|&v| places[v as usize] = group[0]);
-    }
-    places
 }

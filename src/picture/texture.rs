@@ -1,6 +1,6 @@
 //! Images on surfaces, in linear light.
 
-use super::canvas::srgb_to_linear;
+use super::light::srgb_to_linear;
 use crate::error::{Error, Result};
 use glam::{Vec3, Vec4};
 use std::io::Cursor;

@@ -274,11 +274,11 @@ fn interleave(cell: [u64; 3]) -> u128 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::delaunay::mix;
     use super::*;
+    use crate::splitmix::{mix, unit};
 
     fn surface() -> (Vec<DVec3>, Vec<[u32; 3]>) {
-        let at = |k: u64| (mix(k) >> 11) as f64 / (1u64 << 53) as f64 - 0.5;
+        let at = |k: u64| unit(mix(k)) - 0.5;
         let points = (0..60).map(|i| DVec3::new(at(3 * i), 0.5 * at(3 * i + 1), 0.7 * at(3 * i + 2))).collect();
         let triangle = |t: u32| {
             let corner = (mix(u64::from(t) + 1_000_000) % 60) as u32;

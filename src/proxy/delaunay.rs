@@ -5,6 +5,7 @@
 //! below anything visible, and every face of the result is checked with exact predicates.
 
 use super::tetrahedra::{Side, faces, sides};
+use crate::splitmix::{mix, signed};
 use glam::DVec3;
 use robust::Coord3D;
 use simple_delaunay_lib::delaunay_3d::delaunay_struct_3d::DelaunayStructure3D;
@@ -77,7 +78,7 @@ fn displace(points: &[DVec3], order: &[u32]) -> Vec<DVec3> {
     let chosen = || order.iter().map(|&v| points[v as usize]);
     let (lo, hi) = chosen().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
     let (centre, diagonal) = (lo + (hi - lo) * 0.5, (hi - lo).length());
-    let noise = |k: u64| (mix(k) >> 11) as f64 / (1u64 << 53) as f64 * 2.0 - 1.0;
+    let noise = |k: u64| signed(mix(k));
     let shift = |v: u32| DVec3::from_array([0, 1, 2].map(|k| noise(u64::from(v) * 3 + k)));
     order.iter().zip(chosen()).map(|(&v, p)| (p - centre) / diagonal + shift(v) * DISPLACEMENT).collect()
 }
@@ -171,22 +172,15 @@ fn coordinates(p: DVec3) -> Coord3D<f64> {
     Coord3D { x: p.x, y: p.y, z: p.z }
 }
 
-/// SplitMix64's output function: a fixed, well mixed number per index.
-pub(super) fn mix(x: u64) -> u64 {
-    let x = x.wrapping_add(0x9E37_79B9_7F4A_7C15);
-    let x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    let x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    x ^ (x >> 31)
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::super::tetrahedra::volume;
     use super::*;
+    use crate::splitmix::unit;
 
     fn random(n: u64) -> Vec<DVec3> {
-        let at = |k: u64| (mix(k + 7_000_000) >> 11) as f64 / (1u64 << 53) as f64;
+        let at = |k: u64| unit(mix(k + 7_000_000));
         (0..n).map(|i| DVec3::new(at(3 * i), at(3 * i + 1), at(3 * i + 2))).collect()
     }
 

@@ -1,7 +1,7 @@
 //! Points inside the body: without them most tetrahedra would be slivers from skin to skin.
 
-use super::delaunay::mix;
 use crate::spatial::TriangleTree;
+use crate::splitmix::{mix, signed};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -31,7 +31,7 @@ pub(super) fn inner_points(tree: &TriangleTree, volume: f64, surface: usize) -> 
         if tree.closest_within(point, CLEARANCE * spacing).is_some() || tree.winding(point) <= 0.5 {
             return None;
         }
-        let noise = |k: u64| (mix(6 * i + 3 * centre + k) >> 11) as f64 / (1u64 << 53) as f64 * 2.0 - 1.0;
+        let noise = |k: u64| signed(mix(6 * i + 3 * centre + k));
         Some(point + DVec3::new(noise(0), noise(1), noise(2)) * (JITTER * spacing))
     };
     (0..2 * nx * ny * nz).into_par_iter().filter_map(site).collect()

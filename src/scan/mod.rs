@@ -13,7 +13,6 @@ mod source;
 mod stl;
 mod text;
 mod triangulate;
-mod weld;
 
 #[cfg(any(test, fuzzing))]
 pub(crate) mod fuzz;
@@ -320,6 +319,11 @@ impl UnitBox {
     /// From the scan's space into the unit box.
     pub fn enter(&self, p: DVec3) -> DVec3 {
         (p - self.centre) / self.diagonal
+    }
+
+    /// All of them from the scan's space into the unit box.
+    pub fn enter_all(&self, points: &[DVec3]) -> Vec<DVec3> {
+        points.iter().map(|&p| self.enter(p)).collect()
     }
 
     /// From the unit box back into the scan's space.

@@ -5,6 +5,7 @@
 use super::archive::tests::zip;
 use super::{fuzz, read};
 use crate::gltf::tests::glb;
+use crate::splitmix::Sequence;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::Path;
@@ -185,58 +186,45 @@ fn zip_sample() -> Vec<u8> {
     zip(&[("a/a.obj", &obj_sample(), true), ("a/none.mtl", &mtl_sample(), true), ("a/a b.png", b"\x89PNG\r\n\x1a\n", false)])
 }
 
-/// A reproducible sequence of numbers (Vigna's splitmix64).
-struct Seeded(u64);
-
-impl Seeded {
-    fn below(&mut self, bound: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) % bound as u64) as usize
+fn damage(random: &mut Sequence, sample: &[u8]) -> Vec<u8> {
+    let mut bytes = sample.to_vec();
+    if random.below(4) == 0 {
+        bytes.truncate(random.below(sample.len()));
     }
-
-    fn damage(&mut self, sample: &[u8]) -> Vec<u8> {
-        let mut bytes = sample.to_vec();
-        if self.below(4) == 0 {
-            bytes.truncate(self.below(sample.len()));
-        }
-        if self.below(3) == 0 {
-            self.lie(&mut bytes);
-        }
-        // Half of the damage goes to the first quarter, where the headers are.
-        let reach = if self.below(2) == 0 { bytes.len() / 4 } else { bytes.len() };
-        for _ in 0..self.below(5) * reach.min(1) {
-            let at = self.below(reach);
-            bytes[at] = match self.below(4) {
-                0 => b"0123456789-+./ \n\\#"[self.below(18)],
-                1 => 0xff,
-                2 => bytes[at] ^ (1 << self.below(8)),
-                _ => self.below(256) as u8,
-            };
-        }
-        bytes
+    if random.below(3) == 0 {
+        lie(random, &mut bytes);
     }
+    // Half of the damage goes to the first quarter, where the headers are.
+    let reach = if random.below(2) == 0 { bytes.len() / 4 } else { bytes.len() };
+    for _ in 0..random.below(5) * reach.min(1) {
+        let at = random.below(reach);
+        bytes[at] = match random.below(4) {
+            0 => b"0123456789-+./ \n\\#"[random.below(18)],
+            1 => 0xff,
+            2 => bytes[at] ^ (1 << random.below(8)),
+            _ => random.below(256) as u8,
+        };
+    }
+    bytes
+}
 
-    /// Another number in place of one that is written in digits, or another word of four bytes.
-    fn lie(&mut self, bytes: &mut Vec<u8>) {
-        const NUMBERS: [&[u8]; 10] =
-            [b"0", b"1", b"-1", b"3", b"255", b"65535", b"2147483648", b"4294967295", b"18446744073709551615", b"1e308"];
-        if bytes.is_empty() {
-            return;
-        }
-        let from = self.below(bytes.len());
-        let begin = bytes[from..].iter().position(u8::is_ascii_digit).map(|d| from + d);
-        if let (Some(begin), 0..2) = (begin, self.below(3)) {
-            let end = bytes[begin..].iter().position(|b| !b.is_ascii_digit()).map_or(bytes.len(), |d| begin + d);
-            let number = NUMBERS[self.below(NUMBERS.len())];
-            bytes.splice(begin..end, number.iter().copied());
-        } else if bytes.len() >= 4 {
-            let at = self.below(bytes.len() - 3);
-            let word = [0u32, 1, 1 << 31, u32::MAX, 0x7f80_0000, 0x0000_0080][self.below(6)];
-            bytes[at..at + 4].copy_from_slice(&word.to_le_bytes());
-        }
+/// Another number in place of one that is written in digits, or another word of four bytes.
+fn lie(random: &mut Sequence, bytes: &mut Vec<u8>) {
+    const NUMBERS: [&[u8]; 10] =
+        [b"0", b"1", b"-1", b"3", b"255", b"65535", b"2147483648", b"4294967295", b"18446744073709551615", b"1e308"];
+    if bytes.is_empty() {
+        return;
+    }
+    let from = random.below(bytes.len());
+    let begin = bytes[from..].iter().position(u8::is_ascii_digit).map(|d| from + d);
+    if let (Some(begin), 0..2) = (begin, random.below(3)) {
+        let end = bytes[begin..].iter().position(|b| !b.is_ascii_digit()).map_or(bytes.len(), |d| begin + d);
+        let number = NUMBERS[random.below(NUMBERS.len())];
+        bytes.splice(begin..end, number.iter().copied());
+    } else if bytes.len() >= 4 {
+        let at = random.below(bytes.len() - 3);
+        let word = [0u32, 1, 1 << 31, u32::MAX, 0x7f80_0000, 0x0000_0080][random.below(6)];
+        bytes[at..at + 4].copy_from_slice(&word.to_le_bytes());
     }
 }
 
@@ -269,10 +257,10 @@ fn samples_are_read() {
 #[test]
 fn damaged_files_never_panic() {
     const MUTANTS: usize = 6000;
-    let mut seeded = Seeded(7);
+    let mut random = Sequence(7);
     for (name, body, samples) in cases() {
         for (k, sample) in samples.iter().enumerate() {
-            let read = (0..MUTANTS / samples.len()).filter(|_| body(&seeded.damage(sample))).count();
+            let read = (0..MUTANTS / samples.len()).filter(|_| body(&damage(&mut random, sample))).count();
             let refused = MUTANTS / samples.len() - read;
             // Packed data and JSON seldom survive.
             assert!(read > 4 && refused > 4, "{name}, sample {k}: {read} read, {refused} refused");

@@ -2,6 +2,7 @@
 
 use super::{Scan, gltf, source};
 use crate::error::{Error, Kind, Notes, Result};
+use crate::statistics::middle;
 use crate::words;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
@@ -127,9 +128,9 @@ fn pose(scan: &Scan, other: &Scan, name: String, path: &Path, any_size: bool) ->
         }
     }
     let (at_rest, posed) = (edges(&here.faces, &here.positions), edges(&here.faces, &there.positions));
-    let ratios: Vec<f64> =
+    let mut ratios: Vec<f64> =
         at_rest.iter().zip(&posed).filter(|(rest, _)| **rest > 0.0).map(|(rest, posed)| posed / rest).collect();
-    let scale = median(ratios.clone());
+    let scale = middle(&mut ratios).unwrap_or(0.0);
     let stretched = ratios.iter().filter(|&&r| !(scale / STRETCH..=scale * STRETCH).contains(&r)).count();
     if stretched as f64 > STRETCHED * ratios.len() as f64 {
         let share = 100.0 * stretched as f64 / ratios.len() as f64;
@@ -191,14 +192,6 @@ fn is_solid(mesh: &super::SurfaceMesh, positions: &[DVec3]) -> f64 {
         }
     }
     if f64::abs(volume) > SOLID * area.powf(1.5) { volume.signum() } else { 0.0 }
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let half = values.len() / 2;
-    *values.select_nth_unstable_by(half, f64::total_cmp).1
 }
 
 #[cfg(test)]

@@ -3,8 +3,8 @@
 
 use super::remarks::Remarks;
 use super::text::{Lines, Words, name, number, quote};
-use super::weld::{bits, first_equal};
 use super::{Faces, Group, Material, NONE, Scan, SurfaceMesh};
+use crate::equal::{bits, first_equal};
 use crate::error::{Error, Result};
 use glam::DVec3;
 use std::collections::HashMap;

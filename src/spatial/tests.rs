@@ -2,24 +2,9 @@
 
 use super::winding::solid_angle;
 use super::{PointTree, TriangleTree};
+use crate::splitmix::Sequence;
 use glam::DVec3;
 use std::f64::consts::{PI, TAU};
-
-/// Splitmix: the same numbers on every machine.
-pub(crate) struct Dice(pub(crate) u64);
-
-impl Dice {
-    pub(crate) fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    pub(crate) fn point(&mut self, size: f64) -> DVec3 {
-        DVec3::new(self.unit() - 0.5, self.unit() - 0.5, self.unit() - 0.5) * size
-    }
-}
 
 type Mesh = (Vec<DVec3>, Vec<[u32; 3]>);
 
@@ -47,7 +32,7 @@ fn bumpy(rings: usize) -> Mesh {
 
 /// Triangles without any order, among them doubled, flat and point-like ones.
 fn soup(count: usize) -> Mesh {
-    let mut dice = Dice(7);
+    let mut dice = Sequence(7);
     let mut points = Vec::new();
     for k in 0..count {
         let at = dice.point(1.0);
@@ -91,7 +76,7 @@ fn distance_by_subdivision(q: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
 fn closest_points_are_those_of_a_search_through_all_triangles() {
     for (points, triangles) in [bumpy(20), soup(700)] {
         let tree = TriangleTree::new(&points, &triangles);
-        let mut dice = Dice(1);
+        let mut dice = Sequence(1);
         for _ in 0..300 {
             let query = dice.point(1.6);
             let found = tree.closest(query).unwrap();
@@ -114,7 +99,7 @@ fn of_doubled_triangles_the_first_is_found() {
     let (points, triangles) = bumpy(12);
     let doubled: Vec<_> = triangles.iter().chain(&triangles).copied().collect();
     let (single, double) = (TriangleTree::new(&points, &triangles), TriangleTree::new(&points, &doubled));
-    let mut dice = Dice(2);
+    let mut dice = Sequence(2);
     for _ in 0..200 {
         let query = dice.point(1.0);
         assert_eq!(single.closest(query), double.closest(query));
@@ -129,7 +114,7 @@ fn over_edges_and_corners_the_same_triangle_is_nearest_along_other_axes_and_in_a
     let rounded = |p: DVec3| p * 1000.0 / 1000.0;
     let trees =
         [turned, rounded].map(|map| (map, TriangleTree::new(&points.iter().map(|p| map(*p)).collect::<Vec<_>>(), &triangles)));
-    let mut dice = Dice(4);
+    let mut dice = Sequence(4);
     let mut shared = 0;
     // Outside, most feet are on edges and corners, which several triangles share.
     for query in (0..2000).map(|_| dice.point(1.0)).chain(points.iter().copied()) {
@@ -153,7 +138,7 @@ fn a_vertex_of_the_surface_is_its_own_closest_point() {
 fn rays_hit_what_a_search_through_all_triangles_hits() {
     for (points, triangles) in [bumpy(20), soup(700)] {
         let tree = TriangleTree::new(&points, &triangles);
-        let mut dice = Dice(3);
+        let mut dice = Sequence(3);
         let mut total = 0;
         for _ in 0..1000 {
             let (origin, direction) = (dice.point(1.5), dice.point(1.0));
@@ -219,7 +204,7 @@ fn winding_numbers_agree_with_the_exact_sum() {
     for open in [false, true] {
         let triangles = if open { &triangles[..triangles.len() * 3 / 4] } else { &triangles[..] };
         let tree = TriangleTree::new(&points, triangles);
-        let mut dice = Dice(4);
+        let mut dice = Sequence(4);
         let mut worst = 0.0f64;
         for _ in 0..500 {
             let query = dice.point(1.2);
@@ -267,7 +252,7 @@ fn the_tree_does_not_depend_on_the_number_of_threads() {
     };
     let (one, four) = (build(1), build(4));
     assert_eq!(one.ids, four.ids);
-    let mut dice = Dice(5);
+    let mut dice = Sequence(5);
     for _ in 0..200 {
         let query = dice.point(1.0);
         assert_eq!(one.winding(query).to_bits(), four.winding(query).to_bits());
@@ -276,7 +261,7 @@ fn the_tree_does_not_depend_on_the_number_of_threads() {
 
 #[test]
 fn neighbours_are_those_of_a_search_through_all_points() {
-    let mut dice = Dice(6);
+    let mut dice = Sequence(6);
     let mut points: Vec<DVec3> = (0..500).map(|_| dice.point(1.0)).collect();
     // Doubles, and a plane full of equal coordinates.
     points.extend_from_within(..50);

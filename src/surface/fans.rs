@@ -441,14 +441,12 @@ fn area_direction<const W: usize>(face: &[u32], points: &[Side<W>]) -> Vector<W>
 /// Zero where there is no direction.
 #[inline(always)]
 fn unit<const W: usize>(v: Vector<W>) -> Vector<W> {
-    let square = dot(v, v);
-    v.map(|row| {
-        let mut out = row.0;
-        for lane in 0..W {
-            let length = square.0[lane].sqrt();
-            out[lane] = if has_size(length) { row.0[lane] / length } else { 0.0 };
+    let lengths = dot(v, v).0.map(f32::sqrt);
+    v.map(|mut row| {
+        for (x, length) in row.0.iter_mut().zip(lengths) {
+            *x = if has_size(length) { *x / length } else { 0.0 };
         }
-        Row(out)
+        row
     })
 }
 
@@ -476,7 +474,7 @@ pub(super) fn angle(y: f32, x: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::spatial::tests::Dice;
+    use crate::splitmix::Sequence;
 
     /// What the rings of a normal vertex say of its corners, sorted.
     fn corners_of(rings: &Rings, v: usize) -> Vec<[u32; 3]> {
@@ -488,7 +486,7 @@ mod tests {
 
     #[test]
     fn rings_have_every_corner_once_whatever_the_surface() {
-        let mut dice = Dice(5);
+        let mut dice = Sequence(5);
         let found: Vec<(u32, [u32; 3])> = (0..900)
             .map(|_| {
                 let p = dice.point(1.0).to_array().map(|x| (x.abs() * 10.0) as u32);

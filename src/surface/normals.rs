@@ -66,7 +66,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
 
     use super::*;
-    use crate::spatial::tests::Dice;
+    use crate::splitmix::Sequence;
     use glam::{DVec3, Vec3};
 
     fn scan(points: &[DVec3], faces: &[&[u32]]) -> Scan {
@@ -150,7 +150,7 @@ mod tests {
 
     #[test]
     fn triangles_agree_with_exact_angles() {
-        let mut dice = Dice(3);
+        let mut dice = Sequence(3);
         let points: Vec<DVec3> = (0..60).map(|_| dice.point(1.0)).collect();
         let faces: Vec<Vec<u32>> = (0..203u32).map(|k| [k * 7, k * 11 + 1, k * 13 + 2].map(|v| v % 60).to_vec()).collect();
         let scan = scan(&points, &faces.iter().map(|f| &f[..]).collect::<Vec<_>>());
@@ -202,7 +202,7 @@ mod tests {
 
     /// Triangles, quads and pentagons at random, some without area, with frames that move by themselves.
     fn mixed() -> (Scan, Vec<Vec<[f32; 3]>>) {
-        let mut dice = Dice(4);
+        let mut dice = Sequence(4);
         let points: Vec<DVec3> = (0..3000).map(|_| dice.point(1.0)).collect();
         let face = |k: u32| (0..3 + k % 3).map(|i| (k * 7 + i * (k % 11)) % 3000).collect::<Vec<_>>();
         let faces: Vec<Vec<u32>> = (0..5000).map(face).collect();

@@ -3,7 +3,7 @@
 use super::*;
 use crate::proxy::rows::HandleRows;
 use crate::proxy::rows::bodies::{affine, bar, bend};
-use crate::spatial::tests::Dice;
+use crate::splitmix::Sequence;
 
 fn shaken() -> Proxy {
     bar([16, 5, 5], DVec3::new(0.9, 0.3, 0.3), 0.4)
@@ -11,7 +11,7 @@ fn shaken() -> Proxy {
 
 /// Points on and near the boundary, and debris up to the corners of the unit box.
 fn scattered(proxy: &Proxy, count: usize) -> Vec<DVec3> {
-    let mut dice = Dice(5);
+    let mut dice = Sequence(5);
     (0..count)
         .map(|k| {
             let [a, b, c] = proxy.boundary[(k * 31) % proxy.boundary.len()].map(|v| proxy.rest[v as usize]);

@@ -1,10 +1,11 @@
 //! The commands of the pages do what the pages show.
 //!
 //! In a block that begins with ` ```console `, a line that begins with `$ ` is a command, which goes on in lines that begin with `> `, and what follows it
-//! is what it prints, on both streams; a block without a command goes on with what the last one prints. The commands of a page are run one after the other in an empty folder that holds `fixtures/`, with the program first in the
-//! path; `cargo run --release --`, as one runs it in a fresh clone, is the program too. A command that fails is followed by `$ echo $?`. What is compared
-//! how: [`crate::likeness`]; how long a run took is not, and lines that tell of progress, which a slow machine prints, are passed over. With
-//! `RETARGET_BLESS` the pages are written anew ([`crate::blessing`]). `RETARGET_PAGE` names a part of the page's path: only these are run.
+//! is what it prints, on both streams; a block without a command goes on with what the last one prints. The commands of a page are run one after the
+//! other in an empty folder that holds `fixtures/`, with the program first in the path; `cargo run --release --`, as one runs it in a fresh clone, is
+//! the program too. A command that fails is followed by `$ echo $?`. What is compared how: [`crate::likeness`]; how long a run took is not, and lines
+//! that tell of progress, which a slow machine prints, are passed over. With `RETARGET_BLESS` the pages are written anew ([`crate::blessing`]).
+//! `RETARGET_PAGE` names a part of the page's path: only these are run.
 
 use crate::blessing::renewed;
 use crate::likeness::{compare, without_seconds};

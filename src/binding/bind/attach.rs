@@ -10,6 +10,15 @@ pub(super) struct Kept {
     pub(super) start: usize,
 }
 
+/// The markers that hold the scan, where the actor has them, and those that do not, with why.
+struct Attached {
+    handles: Vec<BoundMarker>,
+    seen: Vec<Seen>,
+    unbound: Vec<(String, String)>,
+    /// What pulls softly, and how far it is off.
+    doubtful: Vec<String>,
+}
+
 struct Placed {
     similarity: Similarity,
     yaw: f64,
@@ -33,83 +42,12 @@ impl Human<'_> {
         let take = self.take;
         let start = fitted.chosen.upright.placement;
         let frame = fitted.chosen.frame;
-        let stature = self.skeleton.stature / start.scale;
         let frames = take.track.sample(SAMPLES);
-        let unnamed: Vec<usize> = (0..take.track.take.markers()).filter(|&i| take.names.places[i].is_none()).collect();
-        let assigned = clusters::assign(&take.track, &take.names, &unnamed, &frames, stature);
-
-        let strays = clusters::strays(&take.track, &take.names, &frames, stature, LEAVES);
-
         let clavicles = match align {
             Align::Similarity => [DVec3::ZERO; 2],
             _ => retarget::clavicles(self.skeleton, &fitted.fit, self.body.arm_elevation),
         };
-
-        let mut handles = Vec::new();
-        let mut seen = Vec::new();
-        let mut unbound = Vec::new();
-        let mut doubtful = Vec::new();
-        for marker in 0..take.track.take.markers() {
-            let label = take.label(marker).to_owned();
-            if self.options.is_ignored(&label) {
-                unbound.push((label, "left out by the rig file".to_owned()));
-                continue;
-            }
-            let named = take.names.places[marker].as_ref().map(super::labels::Place::segment);
-            let segment = match named {
-                Some(segment) => segment,
-                None if take.track.take.frames() < LEAST_MOTION => {
-                    unbound.push((label, "unknown label in a take too short to tell its segment".to_owned()));
-                    continue;
-                }
-                None => match assigned.iter().find(|a| a.marker == marker) {
-                    Some(a) if a.movement <= PROP => a.segment,
-                    Some(a) => {
-                        let far = 100.0 * a.movement;
-                        unbound.push((label, format!("unknown label that moves {far:.1} % of height against every segment")));
-                        continue;
-                    }
-                    None => {
-                        unbound.push((label, "unknown label that is never seen with a segment".to_owned()));
-                        continue;
-                    }
-                },
-            };
-            let twin = if apart { take.twin(marker, posed) } else { Some(marker) };
-            let point = twin.and_then(|i| {
-                let seen = posed.track.point(frame, i);
-                seen.or_else(|| clusters::predict(&posed.track, &posed.names, i, segment, &posed.track.sample(300), frame))
-            });
-            let Some(point) = point else {
-                unbound.push((label, "not there in the reference frame".to_owned()));
-                continue;
-            };
-            let at = start.apply(point);
-            let place = take.names.places[marker].as_ref();
-            let shoulder = place.filter(|p| p.part == Part::Shoulder).map(|p| usize::from(p.side == Side::Right));
-            let attachment = match align {
-                _ if place.is_some_and(|p| p.at.is_some()) => place.and_then(|p| p.at).unwrap_or(at),
-                Align::Similarity => at,
-                _ => fitted.fit.carry(self.skeleton, segment, at) - shoulder.map_or(DVec3::ZERO, |s| clavicles[s]),
-            };
-            if let Some(far) = outside(self.scan, attachment) {
-                unbound.push((label, format!("{:.1} % of the diagonal outside the scan", 100.0 * far)));
-                continue;
-            }
-            let residual = twin.and_then(|i| fitted.of(posed, i)).map(|r| r / self.skeleton.stature);
-            let leaves = strays.iter().find(|s| s.0 == marker).map(|s| s.1);
-            // An unnamed marker that moves against its segment by more than half of what a prop may pulls softly: a backrest moves nearly as the one
-            // does who leans on it.
-            let apart_by = assigned.iter().find(|a| named.is_none() && a.marker == marker).map_or(0.0, |a| a.movement);
-            let soft = residual.is_some_and(|r| r > DOUBTFUL) || leaves.is_some_and(|l| l > LEAVES) || apart_by > 0.5 * PROP;
-            if soft {
-                let percent = 100.0 * residual.unwrap_or(0.0).max(leaves.unwrap_or(0.0)).max(apart_by);
-                doubtful.push(format!("{label} {percent:.1} %"));
-            }
-            let weight = if soft { DOUBTED } else { place.map_or(UNNAMED, |p| p.weight) };
-            seen.push(Seen { at, shoulder, weight });
-            handles.push(BoundMarker { label, marker, attachment, segment: Some(segment), beta: if soft { SOFT } else { 1.0 } });
-        }
+        let Attached { mut handles, seen, unbound, doubtful } = self.attachments(posed, apart, fitted, align, clavicles, &frames);
         if !doubtful.is_empty() {
             let s = if doubtful.len() == 1 { "marker pulls" } else { "markers pull" };
             notes.warn(format!("{} doubtful {s} softly: {}", doubtful.len(), doubtful.join(", ")));
@@ -176,25 +114,7 @@ impl Human<'_> {
             strain: strain.map(|(median, p95)| (100.0 * median, 100.0 * p95)),
             feet,
         };
-        if let Some((_, p95)) = strain {
-            let stretched: Vec<String> = decisions
-                .proportions
-                .iter()
-                .filter(|(_, r)| align != Align::Retarget && (r - 1.0).abs() > OTHER_BUILD)
-                .map(|(name, r)| format!("{name} {r:.2}"))
-                .collect();
-            if !stretched.is_empty() {
-                notes.warn(format!(
-                    "actor and scan differ in build ({}): the scan's limbs are stretched to the actor's lengths",
-                    stretched.join(", ")
-                ));
-            } else if p95 > STRETCH {
-                notes.warn(format!(
-                    "distances along bones differ by {:.0} % (p95): a marker may sit elsewhere than its label says",
-                    100.0 * p95
-                ));
-            }
-        }
+        warn_of_build(&decisions, strain, &mut notes);
         let binding = Binding {
             placement: match trajectories {
                 Some(_) => Similarity::IDENTITY,
@@ -210,6 +130,91 @@ impl Human<'_> {
             notes,
         };
         Ok((binding, kept))
+    }
+
+    /// Where each marker holds the scan, in what the take shows in `frames`. `clavicles`: by how much the shoulders of scan and actor differ.
+    fn attachments(
+        &self,
+        posed: &Take<'_>,
+        apart: bool,
+        fitted: &Fitted<'_>,
+        align: Align,
+        clavicles: [DVec3; 2],
+        frames: &[usize],
+    ) -> Attached {
+        let take = self.take;
+        let (start, frame) = (fitted.chosen.upright.placement, fitted.chosen.frame);
+        let stature = self.skeleton.stature / start.scale;
+        let unnamed: Vec<usize> = (0..take.track.take.markers()).filter(|&i| take.names.places[i].is_none()).collect();
+        let assigned = clusters::assign(&take.track, &take.names, &unnamed, frames, stature);
+
+        let strays = clusters::strays(&take.track, &take.names, frames, stature, LEAVES);
+
+        let mut handles = Vec::new();
+        let mut seen = Vec::new();
+        let mut unbound = Vec::new();
+        let mut doubtful = Vec::new();
+        for marker in 0..take.track.take.markers() {
+            let label = take.label(marker).to_owned();
+            if self.options.is_ignored(&label) {
+                unbound.push((label, "left out by the rig file".to_owned()));
+                continue;
+            }
+            let place = take.names.places[marker].as_ref();
+            let named = place.map(super::labels::Place::segment);
+            let assignment = assigned.iter().find(|a| a.marker == marker);
+            let segment = match named {
+                Some(segment) => segment,
+                None if take.track.take.frames() < LEAST_MOTION => {
+                    unbound.push((label, "unknown label in a take too short to tell its segment".to_owned()));
+                    continue;
+                }
+                None => match assignment {
+                    Some(a) if a.movement <= PROP => a.segment,
+                    Some(a) => {
+                        let far = 100.0 * a.movement;
+                        unbound.push((label, format!("unknown label that moves {far:.1} % of height against every segment")));
+                        continue;
+                    }
+                    None => {
+                        unbound.push((label, "unknown label that is never seen with a segment".to_owned()));
+                        continue;
+                    }
+                },
+            };
+            let twin = if apart { take.twin(marker, posed) } else { Some(marker) };
+            let point = twin.and_then(|i| {
+                let seen = posed.track.point(frame, i);
+                seen.or_else(|| clusters::predict(&posed.track, &posed.names, i, segment, &posed.track.sample(300), frame))
+            });
+            let Some(point) = point else {
+                unbound.push((label, "not there in the reference frame".to_owned()));
+                continue;
+            };
+            let at = start.apply(point);
+            let shoulder = place.filter(|p| p.part == Part::Shoulder).map(|p| usize::from(p.side == Side::Right));
+            let attachment = match align {
+                _ if place.is_some_and(|p| p.at.is_some()) => place.and_then(|p| p.at).unwrap_or(at),
+                Align::Similarity => at,
+                _ => fitted.fit.carry(self.skeleton, segment, at) - shoulder.map_or(DVec3::ZERO, |s| clavicles[s]),
+            };
+            if let Some(far) = outside(self.scan, attachment) {
+                unbound.push((label, format!("{:.1} % of the diagonal outside the scan", 100.0 * far)));
+                continue;
+            }
+            let residual = twin.and_then(|i| fitted.of(posed, i)).map(|r| r / self.skeleton.stature);
+            let leaves = strays.iter().find(|s| s.0 == marker).map(|s| s.1);
+            let movement = assignment.map_or(0.0, |a| a.movement);
+            let soft = residual.is_some_and(|r| r > DOUBTFUL) || leaves.is_some_and(|l| l > LEAVES) || movement > NEARLY_PROP;
+            if soft {
+                let percent = 100.0 * residual.unwrap_or(0.0).max(leaves.unwrap_or(0.0)).max(movement);
+                doubtful.push(format!("{label} {percent:.1} %"));
+            }
+            let weight = if soft { DOUBTED } else { place.map_or(UNNAMED, |p| p.weight) };
+            seen.push(Seen { at, shoulder, weight });
+            handles.push(BoundMarker { label, marker, attachment, segment: Some(segment), beta: if soft { SOFT } else { 1.0 } });
+        }
+        Attached { handles, seen, unbound, doubtful }
     }
 
     /// The placement of the whole take: scale from the fit, turn and shift from the handles of trunk and legs in the take's own frame
@@ -251,5 +256,27 @@ impl Human<'_> {
             .or_else(|| upright(&pairs(false), up, self.skeleton.up, held))
             .ok_or_else(|| Error::refused("fewer than three bound markers are there at once").file(&self.take.capture.source))?;
         Ok(Placed { similarity: placed.placement, yaw: placed.yaw, frame })
+    }
+}
+
+/// Says where distances along bones are others than on the scan. `strain`: median and 95th percentile.
+fn warn_of_build(decisions: &Decisions, strain: Option<(f64, f64)>, notes: &mut Notes) {
+    let Some((_, p95)) = strain else { return };
+    let stretched: Vec<String> = decisions
+        .proportions
+        .iter()
+        .filter(|(_, r)| decisions.align != Align::Retarget && (r - 1.0).abs() > OTHER_BUILD)
+        .map(|(name, r)| format!("{name} {r:.2}"))
+        .collect();
+    if !stretched.is_empty() {
+        notes.warn(format!(
+            "actor and scan differ in build ({}): the scan's limbs are stretched to the actor's lengths",
+            stretched.join(", ")
+        ));
+    } else if p95 > STRETCH {
+        notes.warn(format!(
+            "distances along bones differ by {:.0} % (p95): a marker may sit elsewhere than its label says",
+            100.0 * p95
+        ));
     }
 }

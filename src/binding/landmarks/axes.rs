@@ -5,6 +5,7 @@ use glam::{DMat3, DVec3};
 /// Unit eigenvectors of a symmetric matrix as columns, largest eigenvalue first; right-handed.
 ///
 /// Cyclic Jacobi rotations, which converge for every symmetric matrix (Golub and Van Loan, Matrix Computations, §8.5).
+/// Not [`crate::linalg::eigen`]: the last digits of every landmark, and so of every take, hang on the rounding of these lines.
 pub(super) fn principal_axes(symmetric: DMat3) -> DMat3 {
     let mut a = symmetric.to_cols_array_2d();
     let mut v = DMat3::IDENTITY.to_cols_array_2d();

@@ -136,7 +136,7 @@ fn joints_are_found_from_level_to_hanging_arms_in_any_turn_and_unit() {
         let mut mesh = scan.mesh.clone();
         mesh.positions = points.into_iter().map(place).collect();
         let unit_box = UnitBox::of(&mesh).unwrap();
-        let entered: Vec<DVec3> = mesh.positions.iter().map(|p| unit_box.enter(*p)).collect();
+        let entered = unit_box.enter_all(&mesh.positions);
         let body = find(&entered, &mesh.vertex_triangles()).unwrap_or_else(|e| panic!("arms {down} down: {}", e.reason));
         assert_eq!(body.arms, arms, "arms {down} down");
         assert!(body.forward.angle_between(turn * DVec3::Z).to_degrees() < 6.0, "arms {down} down: faces {}", body.forward);

@@ -4,10 +4,11 @@
 //! a circle of the arm's own width, much smaller than that of a hip or a thigh.
 
 use super::axes::Line;
+use super::frame::Frame;
 use super::limbs::{self, Arm};
 use super::medial::Section;
-use super::skeleton::Frame;
 use super::voxels::Filled;
+use crate::statistics::middle;
 use glam::DVec3;
 
 // Heights and lengths are shares of stature; MakeHuman bodies (thin to heavy) with arms 82 to 90 degrees down were measured.
@@ -140,14 +141,14 @@ fn arm(body: &Standing<'_>, caps: &[Cap], side: f64) -> Option<Arm> {
     let Standing { frame, stature, .. } = *body;
     let between = |[low, high]: [f64; 2]| caps.iter().filter(move |c| c.height > low && c.height < high);
     let thigh = between(THIGH).map(|c| c.half).max_by(f64::total_cmp)?;
-    let usual = median(between([WRIST[0], UPPER]).map(|c| c.half))?;
+    let usual = middle(&mut between([WRIST[0], UPPER]).map(|c| c.half).collect::<Vec<_>>())?;
     let tip = tip(body, caps, [usual, thigh], side);
     let [low, high] = tip.map_or(WRIST, |(height, _)| {
         let wrist = (height + HAND).clamp(WRIST[0], WRIST[1]);
         [wrist - HAND_WITHIN, wrist + HAND_WITHIN]
     });
     let (at_wrist, wrist) = narrowest(caps, [low, high])?;
-    let fore = median(between([wrist.height - 0.01, wrist.height + 0.02]).map(|c| c.half))?;
+    let fore = middle(&mut between([wrist.height - 0.01, wrist.height + 0.02]).map(|c| c.half).collect::<Vec<_>>())?;
     let (lean, fat) = (HALF_ARM[0] * stature, HALF_ARM[1] * stature);
     if !(lean..fat).contains(&fore) || !(lean..fat).contains(&usual) || thigh < THIGH_TO_WRIST * fore {
         return None;
@@ -191,10 +192,4 @@ fn narrowest(caps: &[Cap], [low, high]: [f64; 2]) -> Option<(usize, Cap)> {
     let area = |i: usize| caps[i - 1..=i + 1].iter().map(|c| c.half * c.depth).sum::<f64>();
     let among = (1..caps.len().saturating_sub(1)).filter(|&i| caps[i].height > low && caps[i].height < high);
     among.min_by(|&i, &j| area(i).total_cmp(&area(j))).map(|i| (i, caps[i]))
-}
-
-fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }

@@ -11,6 +11,7 @@ mod corpus;
 mod doubts;
 mod extremities;
 mod floor;
+mod frame;
 mod geodesic;
 mod hanging;
 mod limbs;

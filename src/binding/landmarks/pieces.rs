@@ -1,6 +1,7 @@
 //! Debris of scanning: loose sheets beside the body, such as ghosts and shards of the platform.
 
 use crate::disjoint::DisjointSets;
+use crate::equal::first_in_place;
 use glam::DVec3;
 
 /// A loose piece of less than this share of the surface may be debris.
@@ -15,7 +16,7 @@ const MOST: f64 = 0.10;
 pub(super) fn without_debris(points: &[DVec3], triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
     let sound = |t: &[u32; 3]| t.iter().all(|&v| points.get(v as usize).is_some_and(|p| p.is_finite()));
     let mut kept: Vec<[u32; 3]> = triangles.iter().filter(|t| sound(t)).copied().collect();
-    let mut sets = DisjointSets::of(welded(points));
+    let mut sets = DisjointSets::of(first_in_place(points));
     for &[a, b, c] in &kept {
         sets.unite(a, b);
         sets.unite(a, c);
@@ -36,21 +37,6 @@ pub(super) fn without_debris(points: &[DVec3], triangles: &[[u32; 3]]) -> Vec<[u
         kept.retain(|t| !debris(sets.find(t[0]) as usize));
     }
     kept
-}
-
-/// Each vertex points to the first vertex at the same place.
-fn welded(points: &[DVec3]) -> Vec<u32> {
-    // Adding zero makes one of the two zeros.
-    let key = |v: u32| (points[v as usize] + 0.0).to_array().map(f64::to_bits);
-    let mut order: Vec<u32> = (0..points.len() as u32).collect();
-    order.sort_unstable_by(|&i, &j| key(i).cmp(&key(j)).then(i.cmp(&j)));
-    let mut parent: Vec<u32> = (0..points.len() as u32).collect();
-    for pair in order.windows(2) {
-        if key(pair[0]) == key(pair[1]) {
-            parent[pair[1] as usize] = parent[pair[0] as usize];
-        }
-    }
-    parent
 }
 
 #[cfg(test)]

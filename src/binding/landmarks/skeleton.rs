@@ -1,6 +1,7 @@
 //! From labelled ends to the joints of a person: frame, sides, calibrated places.
 
 use super::extremities::{End, Extremities};
+use super::frame::Frame;
 use super::hanging::{self, Standing};
 use super::limbs::{self, Arm, Crotch, Leg};
 use super::voxels::{Filled, Solid};
@@ -30,25 +31,6 @@ const HEAD_OFFSET: [f64; 3] = [0.0, 0.4, -0.5];
 const SHOULDER_OFFSET: [[f64; 3]; 3] = [[1.8, 0.5, 0.0], [-0.6, 4.7, 0.6], [-2.9, 5.7, 2.8]];
 /// Sines of elevation for which that holds.
 const SHOULDER_RANGE: [f64; 2] = [-0.95, 0.1];
-
-/// Up, forward and left of a body.
-pub(super) struct Frame {
-    pub(super) up: DVec3,
-    pub(super) forward: DVec3,
-    pub(super) left: DVec3,
-}
-
-impl Frame {
-    fn new(up: DVec3, forward: DVec3) -> Option<Self> {
-        let forward = forward.reject_from_normalized(up).try_normalize()?;
-        Some(Self { up, forward, left: up.cross(forward) })
-    }
-
-    /// A vector given outwards, upwards and forwards; outwards is left for the left side and right for the right one.
-    fn vector(&self, side: f64, [out, up, forward]: [f64; 3]) -> DVec3 {
-        self.left * (side * out) + self.up * up + self.forward * forward
-    }
-}
 
 /// How the arms are found.
 pub(super) enum Reach<'a> {

@@ -4,12 +4,13 @@
 mod again;
 
 use super::Written;
-use crate::binding::bind::{Take, segment_places};
 use crate::binding::fit::{Fit, RATIOS, SIZE};
 use crate::binding::landmarks::{Arms, Body, Floor, Joint};
 use crate::binding::retarget::{self, Retargeting, Seen};
 use crate::binding::segments::{Segment, Skeleton};
+use crate::binding::shape::segment_places;
 use crate::binding::similarity::{Held, Similarity};
+use crate::binding::take::Take;
 use crate::binding::track::Track;
 use crate::binding::{
     Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, Turning, Watch, checks, places, raw, reference,

@@ -17,18 +17,19 @@ mod stance;
 #[allow(clippy::unwrap_used)]
 mod tests;
 
-use super::bind::{scan_unit, segment_places, unit_factor};
 use super::landmarks::Body;
 use super::plant::{self, Planter};
 use super::reference::frame_index;
 use super::rig::{Frozen, FrozenJoints};
 use super::segments::{Segment, Skeleton};
+use super::shape::{scan_unit, segment_places, unit_factor};
 use super::similarity::{Similarity, turn_between};
 use super::track::Track;
-use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, Turning, actor, refuse};
+use super::{Align, Binding, BoundMarker, Decisions, Options, Reference, ScanShape, Turning, refuse};
 use crate::capture::{Capture, MarkerTake, SkeletonTake};
 use crate::error::{Error, Notes, Result};
 use crate::space::{Evidence, Known};
+use crate::statistics::quantile;
 use cast::Cast;
 use glam::{DQuat, DVec3};
 use grips::Grip;
@@ -377,7 +378,7 @@ fn animate(
             heights.reduce(f64::min)
         })
         .collect();
-    puppet.shift += body.up * (floor - actor::quantile(&mut heights, ON_FLOOR).unwrap_or(floor));
+    puppet.shift += body.up * (floor - quantile(&mut heights, ON_FLOOR).unwrap_or(floor));
     let mut planter = feet.map(|rate| Planter::new(body, floor, rate));
     let mut points = Vec::with_capacity(frames * grips.len());
     for frame in 0..frames {

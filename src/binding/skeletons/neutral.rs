@@ -7,10 +7,10 @@
 use super::cast::Cast;
 use super::rig::{Pose, Rig};
 use super::stance::{hips, leftwards, shoulders};
-use crate::binding::actor::quantile;
 use crate::binding::rig::FrozenJoints;
 use crate::binding::segments::{Segment, Skeleton};
 use crate::binding::similarity::turn_between;
+use crate::statistics::quantile;
 use glam::{DMat3, DQuat, DVec3};
 
 /// Turns of the scan's parts at rest into the axes of the joints that carry them.
@@ -42,13 +42,6 @@ const ENDS: f64 = 0.3;
 const LINE: f64 = 0.8;
 /// Cosine of the bend of an elbow in a rest pose.
 const STRAIGHT: f64 = 0.6;
-
-const ARMS: [[Segment; 3]; 2] = [
-    [Segment::LeftUpperArm, Segment::LeftForearm, Segment::LeftHand],
-    [Segment::RightUpperArm, Segment::RightForearm, Segment::RightHand],
-];
-const LEGS: [[Segment; 3]; 2] =
-    [[Segment::LeftThigh, Segment::LeftShank, Segment::LeftFoot], [Segment::RightThigh, Segment::RightShank, Segment::RightFoot]];
 
 /// Left, up and front as a turn from the axes of those names.
 fn frame(left: DVec3, up: DVec3) -> Option<DQuat> {
@@ -116,8 +109,8 @@ fn nearness(rig: &Rig<'_>, cast: &Cast, body: &Skeleton, pose: Pose) -> Option<N
         let (arm, leg) = (arm(rig, cast, pose, side)?, leg(rig, cast, pose, side)?);
         for k in 0..3 {
             let weight = if k < 2 { 1.0 } else { ENDS };
-            add(ARMS[side][k], arm[k], weight);
-            add(LEGS[side][k], leg[k], weight);
+            add(Segment::ARMS[side][k], arm[k], weight);
+            add(Segment::LEGS[side][k], leg[k], weight);
         }
     }
     Some(Nearness { pose, angle: (sum / total).sqrt() })
@@ -194,9 +187,9 @@ impl Neutral {
             let directions = arm(rig, cast, pose, side)?;
             let mut turn = whole;
             for (k, joint) in [joints.shoulder, joints.elbow, joints.wrist].into_iter().enumerate() {
-                turn = onto(turn, body.bone(ARMS[side][k]).axis, directions[k]);
+                turn = onto(turn, body.bone(Segment::ARMS[side][k]).axis, directions[k]);
                 if k == 0 && pose != Pose::Rest {
-                    turn = hinged(turn, body, ARMS[side][0], directions, 1.0);
+                    turn = hinged(turn, body, Segment::ARMS[side][0], directions, 1.0);
                 }
                 arms[side][k] = into(joint, turn)?;
             }
@@ -204,9 +197,9 @@ impl Neutral {
             let directions = leg(rig, cast, pose, side)?;
             let mut turn = whole;
             for (k, joint) in [joints.hip, joints.knee, joints.ankle].into_iter().enumerate() {
-                turn = onto(turn, body.bone(LEGS[side][k]).axis, directions[k]);
+                turn = onto(turn, body.bone(Segment::LEGS[side][k]).axis, directions[k]);
                 if k == 0 && pose != Pose::Rest {
-                    turn = hinged(turn, body, LEGS[side][0], directions, -1.0);
+                    turn = hinged(turn, body, Segment::LEGS[side][0], directions, -1.0);
                 }
                 legs[side][k] = into(joint, turn)?;
             }
@@ -291,7 +284,7 @@ fn standing_foot(rig: &Rig<'_>, cast: &Cast, body: &Skeleton, side: usize, up: D
     if count < STANDING || normal.length() < 0.97 * count as f64 {
         return None;
     }
-    let rest = body.bone(LEGS[side][2]);
+    let rest = body.bone(Segment::LEGS[side][2]);
     let level = |forward: DVec3, up: DVec3| {
         let up = up.try_normalize()?;
         let forward = (forward - up * forward.dot(up)).try_normalize()?;

@@ -1,10 +1,10 @@
 //! A skeleton that lies in the scan already: the rig that the scan was made with, of a person, an animal or a machine.
 
 use super::rig::{Pose, Rig};
-use crate::binding::bind::{scan_unit, unit_factor};
 use crate::binding::landmarks::Body;
 use crate::binding::reference::frame_index;
 use crate::binding::segments::Skeleton;
+use crate::binding::shape::{scan_unit, unit_factor};
 use crate::binding::similarity::Similarity;
 use crate::binding::track::Track;
 use crate::binding::{

@@ -2,10 +2,11 @@
 
 use super::cast::Cast;
 use super::rig::{Pose, Rig};
-use crate::binding::actor::{quantile, unit_of_stature};
+use crate::binding::actor::{check_up, unit_of_stature};
 use crate::binding::{Options, refuse};
 use crate::error::{Error, Kind, Notes, Result};
 use crate::space::{Axis, Evidence, Known, Space, Unit};
+use crate::statistics::quantile;
 use glam::DVec3;
 
 /// Frames looked at.
@@ -138,22 +139,11 @@ fn find_up(
     let mean = directions.iter().sum::<DVec3>() / directions.len().max(1) as f64;
     let axis = Axis::nearest(mean);
     let confidence = mean.dot(axis.vector());
-    if confidence < 0.5 {
-        if let Some(file) = space.up {
-            notes.warn(format!("the actor is not upright for most of the take: {} is up as the file says", file.value));
-            return Ok(file);
-        }
-        let error = Error::refused(format!(
-            "which way is up in the capture is unclear: feet and shoulders agree on {axis} by {confidence:.2} only"
-        ))
-        .expected("0.5 or more (1 = upright throughout)")
-        .hint("--capture-up +Y (or the axis that points up)");
-        refuse(error, options, notes)?;
-    } else if confidence < 0.8 {
-        notes.warn(format!(
-            "the actor is not upright for much of the take ({axis} up by {confidence:.2}); --capture-up sets the axis"
-        ));
+    if let Some(file) = space.up.filter(|_| confidence < 0.5) {
+        notes.warn(format!("the actor is not upright for most of the take: {} is up as the file says", file.value));
+        return Ok(file);
     }
+    check_up((axis, confidence), "shoulders", "+Y", options, notes)?;
     let how = match space.up {
         Some(file) if file.value == axis => file.how,
         Some(file) if cast.by_form => {

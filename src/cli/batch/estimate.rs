@@ -7,6 +7,7 @@ use crate::batch::record::{Record, Summary};
 use crate::capture::handles_csv::HandleTable;
 use crate::capture::{self, ReadOptions};
 use crate::cli::args::{Animate, Batch};
+use crate::cli::captures::read_options;
 use crate::cli::console::Console;
 use crate::error::Result;
 use crate::export::Cancel;
@@ -59,26 +60,14 @@ impl Sizes {
     fn need(&mut self, args: &Animate) -> Result<Need> {
         let vertices = self.scans.entry(args.scan.clone()).or_insert_with(|| Ok(scan::read(&args.scan)?.mesh.positions.len()));
         let vertices = vertices.clone()?;
-        let options = read_options(args);
+        // Repairs do not change how much there is.
+        let options = ReadOptions { as_found: true, ..read_options(args) };
         let key = (args.capture.clone(), format!("{options:?}"));
         let capture = self.captures.entry(key).or_insert_with(|| measure(args, &options));
         let (first, frames, rate, markers) = capture.clone()?;
         let range = pipeline::select(first, frames, args.frames)?;
         let frames = range.len() as f64 * args.fps.map_or(1.0, |fps| fps / rate);
         Ok(Need::of(vertices, frames.ceil() as usize, markers))
-    }
-}
-
-/// What of the capture is read, without repairs.
-fn read_options(args: &Animate) -> ReadOptions {
-    ReadOptions {
-        subject: args.subject.clone(),
-        rate: args.rate,
-        clip: args.clip.clone(),
-        skeleton: args.skeleton.clone(),
-        bodies: args.bodies,
-        surface: args.surface,
-        as_found: true,
     }
 }
 

@@ -3,12 +3,12 @@
 use crate::binding::{self, Options, ScanShape, landmarks};
 use crate::capture::{self, ReadOptions};
 use crate::cli::args::Inspect;
-use crate::cli::decisions::file_name;
 use crate::cli::picture::{self, Bound, Unbound};
 use crate::error::{Error, Kind, Result};
 use crate::export::files;
 use crate::scan::{self, UnitBox};
 use crate::spatial::TriangleTree;
+use crate::words::file_name;
 use glam::DVec3;
 use std::path::Path;
 
@@ -25,7 +25,7 @@ pub(super) fn draw(args: &Inspect, path: &Path) -> Result<()> {
     })?;
     let scan = scan::read(scan_file)?;
     let unit_box = UnitBox::of(&scan.mesh).ok_or_else(|| Error::malformed("the mesh has no extent").file(scan_file))?;
-    let points: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| unit_box.enter(p)).collect();
+    let points = unit_box.enter_all(&scan.mesh.positions);
     let triangles = scan.mesh.vertex_triangles();
     let body = landmarks::find(&points, &triangles);
     let unbound = |heading, body| Unbound { heading, scan: &scan, points: &points, triangles: &triangles, body };

@@ -1,6 +1,6 @@
 //! Cells of a part: one for a rigid part, a grid over its box for a soft one, and the weights by which its surface follows them.
 
-use crate::joints::eigen;
+use crate::linalg::eigen;
 use glam::DVec3;
 use std::collections::BTreeMap;
 

@@ -339,7 +339,7 @@ impl Strain {
                 }
             }
         }
-        let (values, axes) = crate::joints::eigen::symmetric(moments);
+        let (values, axes) = crate::linalg::eigen::symmetric(moments);
         let arms = std::array::from_fn(|k| DVec3::from(axes[k]) * values[k].max(0.0).sqrt());
         Self { a, b, stiffness, count, mean, arms }
     }

@@ -147,7 +147,7 @@ fn fit(pairs: &[(DVec3, DVec3)]) -> Option<(DMat3, DVec3)> {
     let outer = |a: DVec3, b: DVec3| DMat3::from_cols(a * b.x, a * b.y, a * b.z);
     let covariance = pairs.iter().fold(DMat3::ZERO, |sum, (p, q)| sum + outer(*q - q0, *p - p0));
     let spread = pairs.iter().fold(DMat3::ZERO, |sum, (p, _)| sum + outer(*p - p0, *p - p0));
-    let (values, _) = crate::joints::eigen::symmetric(spread.to_cols_array_2d());
+    let (values, _) = crate::linalg::eigen::symmetric(spread.to_cols_array_2d());
     if pairs.len() < 3 || values[1] < 1e-6 * values[2] || values[2] <= 0.0 {
         return None;
     }

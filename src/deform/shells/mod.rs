@@ -235,8 +235,14 @@ impl Shells {
             self.newton.minimize(&mut self.x, &mut self.weights, &self.pulls.goals(), &self.settings)
         };
         if !self.is_fixed_count {
-            let (x, weights, goals) = (&mut self.x, &mut self.weights, self.pulls.goals());
-            minimum = self.unfold.turn_back(&mut self.newton, x, weights, &goals, &self.settings, minimum, speed == 0.0);
+            let frame = &mut unfold::Frame {
+                newton: &mut self.newton,
+                x: &mut self.x,
+                weights: &mut self.weights,
+                goals: &self.pulls.goals(),
+                settings: &self.settings,
+            };
+            minimum = self.unfold.turn_back(frame, minimum, speed == 0.0);
         }
         if !minimum.energy().is_finite() || self.starts.leaps(minimum.shell(), speed == 0.0) {
             (minimum, recovered) = self.restart(minimum);

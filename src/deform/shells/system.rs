@@ -3,7 +3,8 @@
 
 use super::quadratic::{Bounds, Quadratic};
 use super::shell::Shell;
-use crate::linalg::{RepeatedCholesky, elimination_order};
+use crate::linalg::elimination_order;
+use crate::linalg::repeated::RepeatedCholesky;
 use glam::{DMat3, DVec3};
 
 /// No place, no block: of vertices that are held.

@@ -19,6 +19,15 @@ const FEWEST: usize = 6;
 /// Most rings around a vertex in which they are looked for.
 const RINGS: usize = 5;
 
+/// A frame that is solved: its pose, and what is asked of it.
+pub(super) struct Frame<'a> {
+    pub(super) newton: &'a mut Newton,
+    pub(super) x: &'a mut [DVec3],
+    pub(super) weights: &'a mut [f64],
+    pub(super) goals: &'a Goals<'a>,
+    pub(super) settings: &'a Settings,
+}
+
 /// Finds poses without folds, in memory of its own.
 #[derive(Clone, Debug)]
 pub(super) struct Unfold {
@@ -85,17 +94,7 @@ impl Unfold {
 
     /// Looks for poses of less energy without the folds of this one, and leaves the last in `x` and `weights`. `still`: whether the targets do not
     /// move. Then all is done in one frame, and nothing in those after it.
-    #[allow(clippy::too_many_arguments)]
-    pub fn turn_back(
-        &mut self,
-        newton: &mut Newton,
-        x: &mut [DVec3],
-        weights: &mut [f64],
-        goals: &Goals<'_>,
-        settings: &Settings,
-        found: Minimum,
-        still: bool,
-    ) -> Minimum {
+    pub fn turn_back(&mut self, frame: &mut Frame<'_>, found: Minimum, still: bool) -> Minimum {
         let is_done = std::mem::replace(&mut self.was_still, still) && still;
         if is_done {
             return found;
@@ -105,7 +104,7 @@ impl Unfold {
         }
         let mut found = found;
         for _ in 0..if still { ATTEMPTS } else { 1 } {
-            let again = self.turn_once(newton, x, weights, goals, settings, found);
+            let again = self.turn_once(frame, found);
             let is_better = again.energy() < found.energy();
             found = again;
             if !is_better {
@@ -115,15 +114,8 @@ impl Unfold {
         found
     }
 
-    fn turn_once(
-        &mut self,
-        newton: &mut Newton,
-        x: &mut [DVec3],
-        weights: &mut [f64],
-        goals: &Goals<'_>,
-        settings: &Settings,
-        found: Minimum,
-    ) -> Minimum {
+    fn turn_once(&mut self, frame: &mut Frame<'_>, found: Minimum) -> Minimum {
+        let Frame { newton, x, weights, goals, settings } = frame;
         self.folded.clear();
         self.folded.extend(newton.inside_out(x, weights).flatten());
         let count = self.folded.len() / 4;
@@ -139,7 +131,7 @@ impl Unfold {
         self.x.copy_from_slice(x);
         self.weights.copy_from_slice(weights);
         self.put_back(&newton.shell.rest);
-        let settings = Settings { steps: settings.steps.max(STEPS), ..*settings };
+        let settings = Settings { steps: settings.steps.max(STEPS), ..**settings };
         let again = newton.minimize(&mut self.x, &mut self.weights, goals, &settings);
         let steps = found.steps + again.steps;
         if again.energy() < before {

@@ -9,6 +9,7 @@ use super::descent::Place;
 use super::elements::Element;
 use crate::linalg::lanes::{Lanes, longest};
 use crate::linalg::rotation;
+use crate::splitmix::{nth, signed};
 
 /// The least that is believed; bodies with many markers have 13 to 25.
 const LEAST: f64 = super::ERROR_PER_STEP;
@@ -40,7 +41,7 @@ impl Volumetric {
             let middle = element.corners.iter().fold(Lanes::ZERO, |sum, &v| sum + self.rest[v as usize]) * 0.25;
             for &v in &element.corners {
                 if m.plain[v as usize] == Lanes::ZERO {
-                    m.plain[v as usize] = (middle - self.rest[v as usize]) * noise(u64::from(v));
+                    m.plain[v as usize] = (middle - self.rest[v as usize]) * signed(nth(u64::from(v)));
                 }
             }
         }
@@ -53,7 +54,7 @@ impl Volumetric {
         self.oriented.put_given(&mut self.p);
         self.evaluate(Place::Current, 2);
         self.memory.anderson.forget();
-        self.coarse.build(&self.blocks, &self.rotations, DAMPING.0);
+        self.coarse.build(&self.blocks, &self.rotations, DAMPING);
         let mut largest: Option<f64> = None;
         for _ in 0..PASSES {
             self.precondition();
@@ -86,18 +87,10 @@ impl Volumetric {
     }
 }
 
-/// Between −1 and 1, another number for each (the output of Vigna's splitmix64).
-fn noise(number: u64) -> f64 {
-    let mut z = (number + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use crate::deform::volumetric::laws::{block, distance, noise, on_vertex, targets_of};
+    use crate::deform::volumetric::bodies::{block, distance, noise, on_vertex, targets_of};
     use crate::deform::volumetric::{Options, Volumetric};
     use crate::deform::{Deformer, Handle};
     use crate::proxy::Proxy;

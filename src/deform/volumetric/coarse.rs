@@ -17,10 +17,13 @@ use glam::{DMat3, DVec3};
 const TETS_PER_CLUSTER: usize = 110;
 const CLUSTERS: (usize, usize) = (20, 100);
 
-/// How many times as much the diagonal of a rigid group is stiffened as if its tetrahedra were free: at first, how many times more after a step that
-/// would have raised the energy, and the most. A free hand is as stiff as its wrist: by as much as its own stiffness asks for, it would turn by a
+/// How many times as much the diagonal of a rigid group is stiffened as if its tetrahedra were free, at first. A free hand is as stiff as its wrist: by as much as its own stiffness asks for, it would turn by a
 /// hundredth of the way in every step. Free clusters keep theirs: with more of it they come to the end later.
-pub(super) const DAMPING: (f64, f64, f64) = (10.0, 2.0, 1000.0);
+pub(super) const DAMPING: f64 = 10.0;
+/// How many times more of it there is after a step that would have raised the energy.
+pub(super) const MORE_DAMPING: f64 = 2.0;
+/// The most of it.
+pub(super) const MOST_DAMPING: f64 = 1000.0;
 
 /// Rounds of Lloyd's algorithm.
 const ROUNDS: usize = 8;

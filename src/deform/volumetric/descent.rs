@@ -1,14 +1,14 @@
 //! One frame: from the predicted pose down to the minimum of the energy.
 
 use super::anderson::Anderson;
-use super::coarse::DAMPING;
+use super::coarse::{DAMPING, MORE_DAMPING, MOST_DAMPING};
 use super::{ERROR_PER_STEP, FrameStats, Volumetric};
 use crate::linalg::lanes::{Lanes, add_scaled, for_each_instruction_set, longest};
 use crate::linalg::rotation::{self, Quaternions};
 use glam::DVec3;
 
 /// Passes after which a frame is left as it is, warm and cold. Where a crease snaps, a frame of a squat takes up to 114.
-const MOST_PASSES: (u32, u32) = (120, 200);
+pub(super) const MOST_PASSES: (u32, u32) = (120, 200);
 
 /// Iterations after which the coarse level is turned with the body again, warm and cold.
 const REBUILD: (u32, u32) = (12, 6);
@@ -244,13 +244,13 @@ impl Volumetric {
         self.memory.energies.push(energy);
         self.memory.anderson.forget();
         // Of the rigid groups: how much they are, and how much they will be when the coarse level is built again.
-        let (mut damping, mut wanted) = (DAMPING.0, DAMPING.0);
+        let (mut damping, mut wanted) = (DAMPING, DAMPING);
         self.coarse.build(&self.blocks, &self.rotations, damping);
         let mut passes = 1;
         let mut iteration = 0;
         loop {
             if iteration > 0 && iteration % rebuild == 0 || wanted > damping {
-                damping = if wanted > damping { wanted } else { (damping / DAMPING.1).max(DAMPING.0) };
+                damping = if wanted > damping { wanted } else { (damping / MORE_DAMPING).max(DAMPING) };
                 wanted = damping;
                 self.coarse.build(&self.blocks, &self.rotations, damping);
                 self.memory.anderson.forget();
@@ -260,7 +260,7 @@ impl Volumetric {
             let m = &mut self.memory;
             let step = longest(&m.step) / self.settings.diagonal;
             // The ratio was measured with the least damping: with more of it steps are shorter by up to as much.
-            let error = step * self.settings.error_per_step * damping / DAMPING.0;
+            let error = step * self.settings.error_per_step * damping / DAMPING;
             for ((image, p), step) in m.image.iter_mut().zip(&self.p).zip(&m.step) {
                 *image = *p + *step;
             }
@@ -283,7 +283,7 @@ impl Volumetric {
             }
             if !accepted {
                 if self.coarse.has_rigid_groups() {
-                    wanted = (damping * DAMPING.1).min(DAMPING.2);
+                    wanted = (damping * MORE_DAMPING).min(MOST_DAMPING);
                 }
                 // Without bulk the plain step cannot raise the energy, except by rotations that one Newton step leaves inexact.
                 let m = &mut self.memory;

@@ -161,7 +161,7 @@ fn smallest_eigenvalue(m: DMat3) -> f64 {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use super::super::laws::{block, distance, handles, targets_of};
+    use super::super::bodies::{block, distance, handles, targets_of};
     use super::super::{Options, Volumetric};
     use super::*;
     use crate::deform::Deformer;

@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use crate::linalg::lanes::{Lanes, for_each_instruction_set, transpose};
 use crate::linalg::rotation::{self, Matrices, Quaternions};
 use crate::proxy::Proxy;
+use crate::statistics::middle;
 use glam::{DMat3, DVec3};
 use std::ops::Range;
 
@@ -105,11 +106,7 @@ pub(super) fn elements(proxy: &Proxy, options: &Options) -> Result<Vec<Element>>
 fn cap_slivers(elements: &mut [Element], cap: f64) {
     let entry = |e: &Element| e.volume * e.gradients.iter().fold(0.0_f64, |m, g| m.max(g.length_squared()));
     let mut entries: Vec<f64> = elements.iter().map(entry).collect();
-    if entries.is_empty() {
-        return;
-    }
-    let middle = entries.len() / 2;
-    let median = *entries.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let Some(median) = middle(&mut entries) else { return };
     for element in elements {
         let medians = entry(element) / median;
         element.bulk *= (SLENDER / medians).min(1.0);

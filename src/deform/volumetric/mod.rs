@@ -15,11 +15,15 @@
 //! predicts linearly, completes the linear step by a coarse level, accelerates and never lets the energy rise.
 
 mod anderson;
+#[cfg(test)]
+mod bodies;
 mod calibration;
 mod coarse;
 mod descent;
 mod drag;
 mod elements;
+#[cfg(test)]
+mod handle_laws;
 mod handles;
 #[cfg(test)]
 mod laws;

@@ -1,7 +1,7 @@
 //! What must hold for oriented and exact handles, rigid groups and the interpolation of rotations. Shapes are made here.
 #![allow(clippy::unwrap_used, clippy::print_stderr)]
 
-use super::laws::{block, distance, handles, plain, rigid, shapes, targets_of, to_the_end, twisted};
+use super::bodies::{block, distance, handles, plain, rigid, shapes, targets_of, to_the_end, twisted};
 use super::{Options, Volumetric};
 use crate::deform::{Deformer, Grip, Handle, OrientedHandle, Placement, Targets};
 use crate::error::Kind;

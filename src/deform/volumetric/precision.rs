@@ -1,7 +1,7 @@
 //! How near frames that are solved to a tolerance come to the converged ones, and that nothing else than the tolerance decides it.
 #![allow(clippy::unwrap_used, clippy::print_stderr)]
 
-use super::laws::{block, distance, handles, noise, shapes, targets_of, twisted};
+use super::bodies::{block, distance, handles, noise, shapes, targets_of, twisted};
 use super::oriented_laws::{bar, ends, twist_poses};
 use super::{Options, Volumetric};
 use crate::deform::{Deformer, FrameStats, Grip, Targets};

@@ -1,29 +1,13 @@
 //! The way back from a worthless state with few handles: random positions, rotations and differential coordinates.
 #![allow(clippy::unwrap_used, clippy::print_stderr)]
 
-use super::laws::{block, distance, plain};
+use super::bodies::{block, distance, plain};
 use super::{Options, Volumetric, stored_poses};
 use crate::deform::{Deformer, Grip, OrientedHandle, Targets};
 use crate::linalg::lanes::{Lanes, longest};
 use crate::linalg::rotation;
+use crate::splitmix::Sequence;
 use glam::{DQuat, DVec3};
-
-/// Numbers between −1 and 1 (splitmix64).
-struct Random(u64);
-
-impl Random {
-    fn number(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / 2_f64.powi(52) - 1.0
-    }
-
-    fn point(&mut self) -> Lanes {
-        Lanes::point(DVec3::new(self.number(), self.number(), self.number()))
-    }
-}
 
 #[derive(Clone, Copy, Debug)]
 enum Lost {
@@ -34,17 +18,17 @@ enum Lost {
 
 /// Spoils the state of a deformer that is at rest.
 fn spoil(deformer: &mut Volumetric, lost: Lost, seed: u64) {
-    let mut random = Random(seed);
+    let mut random = Sequence(seed);
     let diagonal = deformer.settings.diagonal;
     match lost {
         Lost::Positions => {
-            deformer.p.iter_mut().for_each(|p| *p += random.point() * (0.3 * diagonal));
+            deformer.p.iter_mut().for_each(|p| *p += Lanes::point(random.point(2.0)) * (0.3 * diagonal));
             deformer.blocks.extract(&deformer.p, &mut deformer.rotations);
         }
         Lost::Rotations => {
             for q in &mut deformer.rotations {
                 for lane in 0..4 {
-                    let value = DQuat::from_xyzw(random.number(), random.number(), random.number(), random.number());
+                    let value = DQuat::from_xyzw(random.signed(), random.signed(), random.signed(), random.signed());
                     rotation::set_lane(q, lane, value.normalize());
                 }
             }
@@ -55,7 +39,7 @@ fn spoil(deformer: &mut Volumetric, lost: Lost, seed: u64) {
             let mut load = vec![Lanes::ZERO; twice.len()];
             deformer.blocks.pass_without_bulk(&twice, &mut deformer.rotations, &mut load);
             let size = longest(&load);
-            load.iter_mut().for_each(|x| *x = random.point() * size);
+            load.iter_mut().for_each(|x| *x = Lanes::point(random.point(2.0)) * size);
             // With the pull of the handles on a body at the origin.
             deformer.p.fill(Lanes::ZERO);
             let mut pull = vec![Lanes::ZERO; load.len()];

@@ -1,15 +1,13 @@
 //! Markers that jump about and tear the body: what no take should hold, and some do.
 #![allow(clippy::unwrap_used)]
 
-use super::laws::{block, distance, noise, on_vertex, targets_of, to_the_end, twisted};
+use super::bodies::{block, distance, noise, on_vertex, targets_of, to_the_end, twisted};
+use super::descent::MOST_PASSES;
 use super::{Options, Volumetric};
 use crate::deform::{Deformer, Handle, Targets};
 use crate::linalg::lanes::Lanes;
 use crate::proxy::Proxy;
 use glam::DVec3;
-
-/// Passes after which a warm frame is left as it is, see [`super::descent`].
-const CAP: u32 = 120;
 
 fn on_every(proxy: &Proxy, step: usize, beta: f64) -> Vec<Handle> {
     (0..proxy.rest.len()).step_by(step).map(|v| on_vertex(v, beta)).collect()
@@ -39,7 +37,7 @@ fn a_torn_body_still_finds_a_way_down_in_every_step() {
                     "{cells:?}, {beta}, frame {frame}: {energies:?}"
                 );
                 // Where a step leads up, a shorter one leads down: only the number of passes ends a frame early.
-                assert!(stats.converged || stats.passes >= CAP, "{cells:?}, {beta}, frame {frame}: {stats:?}");
+                assert!(stats.converged || stats.passes >= MOST_PASSES.0, "{cells:?}, {beta}, frame {frame}: {stats:?}");
             }
         }
     }
@@ -51,7 +49,7 @@ fn a_first_frame_far_from_rest_has_the_passes_of_two() {
     let handles = on_every(&proxy, 7, 1.0);
     let mut deformer = Volumetric::new(&proxy, &handles, &Options::default()).unwrap();
     let stats = deformer.start(&scattered(&proxy, &handles, &mut noise(), 0.3)).unwrap();
-    assert!(stats.converged && stats.passes > 200, "{stats:?}");
+    assert!(stats.converged && stats.passes > MOST_PASSES.1, "{stats:?}");
 }
 
 #[test]

@@ -17,6 +17,7 @@ use super::surface::read_by_map;
 use super::table::{Growing, Table};
 use super::{Encoded, Job, PointMap, Tolerance};
 use crate::error::{Error, Kind, Result};
+use crate::linalg::eigen;
 use crate::words;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -33,6 +34,8 @@ const ROUNDS: usize = 5;
 const AIMS: [f64; 3] = [0.9, 0.7, 0.5];
 /// Poses that the map takes in one call.
 const BATCH: usize = 8;
+/// Share of the frames' products that may stay between components: far below what they are cut off at.
+const UNTURNED: f64 = 1e-26;
 
 /// Components of a motion, as displacements of the fit points: x, y, z of each; orthonormal, the largest first.
 type Modes = Vec<Vec<f64>>;
@@ -143,7 +146,10 @@ fn principal(rows: &[Vec<f64>]) -> Modes {
     for (&(a, b), product) in pairs.iter().zip(products) {
         (gram[a][b], gram[b][a]) = (product, product);
     }
-    let (values, vectors) = eigen(gram);
+    let identity = |i| (0..count).map(|j| f64::from(u8::from(i == j))).collect();
+    let mut vectors: Vec<Vec<f64>> = (0..count).map(identity).collect();
+    eigen::diagonalize(&mut gram, &mut vectors, UNTURNED);
+    let values: Vec<f64> = (0..count).map(|k| gram[k][k]).collect();
     let mut order: Vec<usize> = (0..count).collect();
     order.sort_by(|&a, &b| values[b].total_cmp(&values[a]).then(a.cmp(&b)));
     // What is smaller than rounding has no direction.
@@ -158,39 +164,6 @@ fn principal(rows: &[Vec<f64>]) -> Modes {
         mode
     };
     order.par_iter().map(mode).collect()
-}
-
-/// Eigenvalues and eigenvectors (columns) of a symmetric matrix by cyclic Jacobi rotations.
-fn eigen(mut a: Vec<Vec<f64>>) -> (Vec<f64>, Vec<Vec<f64>>) {
-    let n = a.len();
-    let mut v: Vec<Vec<f64>> = (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect();
-    for _ in 0..40 {
-        let off: f64 = (0..n).flat_map(|i| (0..i).map(move |j| (i, j))).map(|(i, j)| a[i][j] * a[i][j]).sum();
-        let on: f64 = (0..n).map(|i| a[i][i] * a[i][i]).sum();
-        if off <= 1e-26 * on {
-            break;
-        }
-        for p in 0..n {
-            for q in p + 1..n {
-                let pivot = a[p][q];
-                if pivot == 0.0 {
-                    continue;
-                }
-                let theta = (a[q][q] - a[p][p]) / (2.0 * pivot);
-                let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
-                let c = 1.0 / (t * t + 1.0).sqrt();
-                let s = t * c;
-                for row in a.iter_mut().chain(v.iter_mut()) {
-                    (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
-                }
-                let (before, after) = a.split_at_mut(q);
-                for (x, y) in before[p].iter_mut().zip(after[0].iter_mut()) {
-                    (*x, *y) = (c * *x - s * *y, s * *x + c * *y);
-                }
-            }
-        }
-    }
-    ((0..n).map(|k| a[k][k]).collect(), v)
 }
 
 fn displacement(rest: &[DVec3], pose: impl Iterator<Item = DVec3>) -> Vec<f64> {

@@ -92,6 +92,7 @@ impl Morphs {
 
 impl Target {
     /// What is added to vertices by their places in the skin, ascending; `None` if that are all.
+    #[cfg(test)]
     pub fn vertices(&self) -> Option<&[u32]> {
         match self {
             Self::Sparse(vertices, _) => Some(vertices),

@@ -42,11 +42,6 @@ impl FitPoints {
         self.rest.len()
     }
 
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.rest.is_empty()
-    }
-
     /// Proxy vertices among the points; they come first.
     pub fn vertices(&self) -> &[u32] {
         &self.vertices

@@ -1,5 +1,6 @@
 //! Rigid motions and their fit to points.
 
+use crate::linalg::eigen;
 use glam::{DMat3, DQuat, DVec3};
 
 /// `p ↦ rotation · p + translation`.
@@ -39,6 +40,11 @@ impl Rigid {
     pub fn unpack(p: &Packed) -> Self {
         let q = DQuat::from_xyzw(p[0].into(), p[1].into(), p[2].into(), p[3].into()).normalize();
         Self { rotation: DMat3::from_quat(q), translation: DVec3::new(p[4].into(), p[5].into(), p[6].into()) }
+    }
+
+    /// [`Self::fit`] of those points that `some` names.
+    pub fn fit_some(rest: &[DVec3], pose: &[DVec3], some: &[u32]) -> Option<Self> {
+        Self::fit(some.iter().map(|&i| (rest[i as usize], pose[i as usize])))
     }
 
     /// The motion nearest in the least-squares sense to `pairs` of rest and moved points (Kabsch 1976); `None` for fewer than four pairs.
@@ -115,59 +121,21 @@ fn solve_hessian(s: &DMat3, b: DVec3) -> Option<DVec3> {
     Some(DVec3::new(y.x / a00 - l10 * yy - l20 * z, yy, z))
 }
 
-/// The quaternion of the largest eigenvalue of Horn's symmetric matrix, by cyclic Jacobi rotations.
+/// The quaternion of the largest eigenvalue of Horn's symmetric matrix.
 fn horn(h: &DMat3) -> DMat3 {
     let m = h.transpose();
     let (xx, xy, xz) = (m.x_axis.x, m.y_axis.x, m.z_axis.x);
     let (yx, yy, yz) = (m.x_axis.y, m.y_axis.y, m.z_axis.y);
     let (zx, zy, zz) = (m.x_axis.z, m.y_axis.z, m.z_axis.z);
-    let mut a = [
+    let a = [
         [xx + yy + zz, yz - zy, zx - xz, xy - yx],
         [yz - zy, xx - yy - zz, xy + yx, zx + xz],
         [zx - xz, xy + yx, yy - xx - zz, yz + zy],
         [xy - yx, zx + xz, yz + zy, zz - xx - yy],
     ];
-    let mut v = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
-    for _ in 0..30 {
-        let off: f64 = (0..4).flat_map(|i| (0..i).map(move |j| (i, j))).map(|(i, j)| a[i][j] * a[i][j]).sum();
-        let on: f64 = (0..4).map(|i| a[i][i] * a[i][i]).sum();
-        if off <= 1e-32 * on || off == 0.0 {
-            break;
-        }
-        for p in 0..3 {
-            for q in p + 1..4 {
-                rotate_plane(&mut a, &mut v, p, q);
-            }
-        }
-    }
-    let mut best = 0;
-    for i in 1..4 {
-        if a[i][i] > a[best][best] {
-            best = i;
-        }
-    }
-    let quaternion = DQuat::from_xyzw(v[1][best], v[2][best], v[3][best], v[0][best]);
+    let (_, q) = eigen::largest(a);
+    let quaternion = DQuat::from_xyzw(q[1], q[2], q[3], q[0]);
     if quaternion.is_finite() { DMat3::from_quat(quaternion.normalize()) } else { DMat3::IDENTITY }
-}
-
-fn rotate_plane(a: &mut [[f64; 4]; 4], v: &mut [[f64; 4]; 4], p: usize, q: usize) {
-    if a[p][q] == 0.0 {
-        return;
-    }
-    let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
-    let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
-    let c = 1.0 / (t * t + 1.0).sqrt();
-    let s = t * c;
-    for row in a.iter_mut() {
-        (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
-    }
-    let (before, after) = a.split_at_mut(q);
-    for (x, y) in before[p].iter_mut().zip(&mut after[0]) {
-        (*x, *y) = (c * *x - s * *y, s * *x + c * *y);
-    }
-    for row in v.iter_mut() {
-        (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
-    }
 }
 
 #[cfg(test)]

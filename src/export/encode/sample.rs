@@ -43,11 +43,6 @@ impl Sample {
         self.positions.len() / (3 * self.len()).max(1)
     }
 
-    /// Whether there is no frame.
-    pub fn is_empty(&self) -> bool {
-        self.frames.is_empty()
-    }
-
     /// One point: x in all frames, then y, then z.
     pub fn point(&self, point: usize) -> &[f32] {
         let width = 3 * self.len();

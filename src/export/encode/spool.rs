@@ -24,11 +24,6 @@ impl Spool {
         self.frames
     }
 
-    /// Number of vertices of each frame.
-    pub fn vertices(&self) -> usize {
-        self.vertices
-    }
-
     /// The folder of the file.
     pub fn folder(&self) -> &Path {
         self.file.folder()

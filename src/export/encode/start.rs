@@ -1,6 +1,5 @@
 //! First joints: clusters of points that move rigidly together, split where they do not.
 
-use super::blend::FEWEST;
 use super::motion::FitPoints;
 use super::rigid::Rigid;
 use super::sample::{JointPlanes, Sample};
@@ -78,16 +77,8 @@ fn fit_groups(rest: &[DVec3], sample: &Sample, groups: &[Vec<u32>], before: Opti
         .map(|f| {
             let pose = sample.pose(f);
             let fallback = |k| before.map_or(Rigid::IDENTITY, |b| b.get(k, f));
-            groups.iter().enumerate().map(|(k, g)| fit_group(rest, &pose, g).unwrap_or_else(|| fallback(k))).collect()
+            groups.iter().enumerate().map(|(k, g)| Rigid::fit_some(rest, &pose, g).unwrap_or_else(|| fallback(k))).collect()
         })
         .collect();
     JointPlanes::new(sample.len(), groups.len(), |k, f| frames[f][k])
-}
-
-/// Rigid fit of some points; `None` for fewer than four.
-pub fn fit_group(rest: &[DVec3], pose: &[DVec3], group: &[u32]) -> Option<Rigid> {
-    if group.len() < FEWEST {
-        return None;
-    }
-    Rigid::fit(group.iter().map(|&i| (rest[i as usize], pose[i as usize])))
 }

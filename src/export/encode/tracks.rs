@@ -2,7 +2,6 @@
 
 use super::motion::{FitPoints, Motion};
 use super::rigid::{Packed, Rigid};
-use super::start::fit_group;
 use super::table::{Growing, Table};
 use crate::error::Result;
 
@@ -24,7 +23,7 @@ impl Tracks {
     pub fn of_groups(motion: &Motion<'_>, points: &FitPoints, groups: &[Vec<u32>]) -> Result<Self> {
         let mut tracks = Growing::new(motion.spool.folder(), groups.len())?;
         let fit = |_, pose: Vec<glam::DVec3>| -> Vec<Packed> {
-            let joint = |g: &Vec<u32>| fit_group(&points.rest, &pose, g).unwrap_or(Rigid::IDENTITY).pack();
+            let joint = |g: &Vec<u32>| Rigid::fit_some(&points.rest, &pose, g).unwrap_or(Rigid::IDENTITY).pack();
             groups.iter().map(joint).collect()
         };
         motion.each_frame(points, fit, |_, joints| tracks.push(&joints))?;

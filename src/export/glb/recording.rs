@@ -97,7 +97,7 @@ impl Recording {
         let geometry = Geometry::of(scan, &normal_vertices);
         let vertices = geometry.scan_vertices();
         let (space, offset) = file_space(&header.unit_box);
-        let rest: Vec<DVec3> = scan.mesh.positions.iter().map(|&p| header.unit_box.enter(p)).collect();
+        let rest = header.unit_box.enter_all(&scan.mesh.positions);
         let mut places = vec![NONE; scan.mesh.positions.len()];
         for (place, &v) in vertices.iter().enumerate() {
             places[v as usize] = place as u32;

@@ -3,7 +3,7 @@
 use super::*;
 use crate::export::glb::GlbSink;
 use crate::export::glb::tests::{FRAMES, header, pose};
-use crate::report::{FrameMeasure, Residual};
+use crate::export::{FrameMeasure, Residual};
 
 /// Where handle `h` holds the bar in a frame; it should be a tenth above, and is missing in frame 3.
 fn hold(header: &Header, frame: usize, h: usize) -> DVec3 {

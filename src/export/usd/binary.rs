@@ -5,7 +5,7 @@
 //! are short, and are stored as the literals that every reader of LZ4 knows. Little endian. Source: pxr/usd/sdf/crateFile.cpp of OpenUSD 26.
 
 use super::Encoding;
-use super::stage::{Content, Layer, Prim, Property, Track, Value};
+use super::tree::{Content, Layer, Prim, Property, Track, Value};
 use crate::error::Result;
 use crate::export::Cancel;
 use crate::export::files::Pending;

@@ -1,6 +1,6 @@
 //! Materials as `UsdPreviewSurface`, with textures where they are files.
 
-use super::stage::{Content, Prim, Property, Value};
+use super::tree::{Content, Prim, Property, Value};
 use crate::error::Notes;
 use crate::export::files::relative;
 use crate::export::glb::load_image;

@@ -5,7 +5,7 @@
 
 use super::Encoding;
 use super::binary::Crate;
-use super::stage::{Layer, Track};
+use super::tree::{Layer, Track};
 use crate::error::{Error, Kind, Result};
 use crate::export::Cancel;
 use crate::export::files::Pending;

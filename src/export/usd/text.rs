@@ -3,7 +3,7 @@
 //! All samples of an attribute stand together in this format, so those of the normals wait in a file without a name until the points are complete.
 
 use super::Encoding;
-use super::stage::{Content, Layer, Prim, Property, Track, Value};
+use super::tree::{Content, Layer, Prim, Property, Track, Value};
 use crate::beside::folder_of;
 use crate::error::{Error, Result};
 use crate::export::Cancel;

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::print_stderr)]
 
 use crate::proxy::Proxy;
-use crate::spatial::tests::Dice;
+use crate::splitmix::Sequence;
 use glam::{DMat3, DVec3};
 use std::collections::BTreeMap;
 
@@ -34,7 +34,7 @@ pub(crate) fn body(rest: Vec<DVec3>, mut tets: Vec<[u32; 4]>) -> Proxy {
 
 /// A box of `n` cells, six tetrahedra each, with the corners shaken by `shake` cells.
 pub(crate) fn bar(n: [usize; 3], size: DVec3, shake: f64) -> Proxy {
-    let mut dice = Dice(11);
+    let mut dice = Sequence(11);
     let cell = size / DVec3::new(n[0] as f64, n[1] as f64, n[2] as f64);
     let at = |i: usize, j: usize, k: usize| ((i * (n[1] + 1) + j) * (n[2] + 1) + k) as u32;
     let mut rest = Vec::new();

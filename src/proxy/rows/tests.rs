@@ -2,7 +2,7 @@
 
 use super::bodies::{affine, bar, body};
 use super::*;
-use crate::spatial::tests::Dice;
+use crate::splitmix::Sequence;
 
 fn shaken() -> Proxy {
     bar([8, 3, 3], DVec3::new(0.9, 0.3, 0.3), 0.5)
@@ -14,7 +14,7 @@ fn rows_give_the_point_and_follow_affine_maps() {
     let posed: Vec<DVec3> = proxy.rest.iter().map(|&p| affine(p)).collect();
     for kind in [MapKind::Ring, MapKind::Paper] {
         let rows = HandleRows::new(&proxy, kind);
-        let mut dice = Dice(1);
+        let mut dice = Sequence(1);
         for k in 0..200 {
             let on_surface = proxy.boundary[k % proxy.boundary.len()].map(|v| proxy.rest[v as usize]);
             let point = if k % 2 == 0 { (on_surface[0] + on_surface[1]) * 0.5 } else { dice.point(1.2) };
@@ -87,7 +87,7 @@ fn printed_formulas(proxy: &Proxy, point: DVec3) -> Vec<f64> {
 fn paper_rows_are_the_printed_formulas() {
     let proxy = bar([20, 6, 6], DVec3::new(1.0, 0.3, 0.3), 0.4);
     let rows = HandleRows::new(&proxy, MapKind::Paper);
-    let mut dice = Dice(2);
+    let mut dice = Sequence(2);
     let (mut grown, mut within) = (0, 0);
     for k in 0..300 {
         let face = proxy.boundary[(37 * k) % proxy.boundary.len()];
@@ -120,7 +120,7 @@ fn ring_rows_are_continuous_over_edges_and_corners() {
     let rows = HandleRows::new(&proxy, MapKind::Ring);
     let bend = |p: DVec3| affine(p) + DVec3::new(p.y * p.z, p.x * p.x, p.x * p.y) * 2.0;
     let posed: Vec<DVec3> = proxy.rest.iter().map(|&p| bend(p)).collect();
-    let mut dice = Dice(3);
+    let mut dice = Sequence(3);
     let mut over = 0;
     for face in &proxy.boundary {
         let [a, b, c] = face.map(|v| proxy.rest[v as usize]);

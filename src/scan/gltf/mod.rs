@@ -4,8 +4,8 @@ mod looks;
 mod place;
 
 use super::beside::Beside;
-use super::weld::{bits, first_equal};
 use super::{Faces, Group, NONE, Scan, SurfaceMesh};
+use crate::equal::{bits, first_equal};
 use crate::error::{Error, Notes, Result};
 use crate::gltf::{self, Attributes, Gltf, MeshExtras, MorphTarget, Node, Primitive, needs_extension};
 use crate::space::{Axis, Evidence, Known, Unit};

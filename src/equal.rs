@@ -1,11 +1,14 @@
-//! Equal values are one value.
+//! Equal values are one value. Imports nobody.
 
-use super::NONE;
+use glam::DVec3;
+
+/// No value.
+const NONE: u32 = u32::MAX;
 
 /// For each of `count` values the index of the first one with the same key.
 ///
 /// Cost: linear; the result does not depend on the hash.
-pub(super) fn first_equal<const N: usize>(count: usize, key: impl Fn(usize) -> [u64; N]) -> Vec<u32> {
+pub(crate) fn first_equal<const N: usize>(count: usize, key: impl Fn(usize) -> [u64; N]) -> Vec<u32> {
     let size = (2 * count).next_power_of_two().max(2);
     let mut table = vec![NONE; size];
     let mut first = Vec::with_capacity(count);
@@ -27,8 +30,13 @@ pub(super) fn first_equal<const N: usize>(count: usize, key: impl Fn(usize) -> [
     first
 }
 
+/// For each point the first one in the same place.
+pub(crate) fn first_in_place(points: &[DVec3]) -> Vec<u32> {
+    first_equal(points.len(), |v| points[v].to_array().map(bits))
+}
+
 /// The bits of a number, with one zero.
-pub(super) fn bits(x: f64) -> u64 {
+pub(crate) fn bits(x: f64) -> u64 {
     (x + 0.0).to_bits()
 }
 
