@@ -16,6 +16,7 @@ mod rows;
 mod solve;
 mod start;
 mod system;
+mod told;
 mod tree;
 
 pub use coordinates::Violation;
@@ -26,7 +27,7 @@ use super::{Deformer, FrameStats, Handle, Targets};
 use crate::error::{Error, Result};
 use glam::DVec3;
 use rows::Pose;
-use solve::{Solved, Solver, State};
+use solve::{Drag, Solved, Solver, State};
 use tree::Tree;
 
 /// How the deformer solves.
@@ -56,6 +57,12 @@ impl Default for Options {
 /// Hold for bodies that handles leave open, in seconds: a drag that slows joints down as much at any rate. Less lets a limb that comes out of a singular pose
 /// (an arm that hangs along two of its axes) snap over within a frame, more lags behind the take.
 const DRAG: f64 = 0.04;
+/// Share of it that joints feel which handles tell well.
+const LIGHT: f64 = 0.1;
+/// What these turn faster than this, in radians per second, feels all of it.
+const SPEED: f64 = 3.0;
+/// Where handles come or go they feel all of it, too, and less and less as time goes on, with this time in seconds.
+const CALM: f64 = 0.25;
 /// Hold for others.
 const HARDLY: f64 = 1e-9;
 
@@ -69,6 +76,9 @@ pub struct Joints {
     tree: Tree,
     options: Options,
     hold: f64,
+    /// How much of the drag well told joints feel more since handles came or went, and how strongly these were held in the frame before.
+    unrest: f64,
+    held: Vec<f64>,
     state: State,
     /// Turns of the frame before, the targets of it, and those on the way from them.
     before: Pose,
@@ -108,6 +118,8 @@ impl Joints {
             tree,
             options: *options,
             hold,
+            unrest: 0.0,
+            held: vec![1.0; handles.len()],
             before: state.pose.clone(),
             snapped: state.pose.clone(),
             last: vec![DVec3::NAN; handles.len()],
@@ -203,6 +215,8 @@ impl Joints {
             .map_err(|_| Error::refused("no pose of the parts was found that meets the targets of the first frame"))?;
         self.state = state;
         self.before.set(&self.state.pose);
+        self.unrest = 0.0;
+        self.held.copy_from_slice(presence);
         self.remember(targets);
         self.finish();
         Ok(self.stats(solved, recovered))
@@ -233,12 +247,17 @@ impl Deformer for Joints {
         let Options { tolerance, iterations, .. } = self.options;
         let mut all = Solved::default();
         self.before.set(&self.state.pose);
+        let calm = (-1.0 / (CALM * self.options.rate)).exp();
+        self.unrest = if *presence == self.held { self.unrest * calm } else { 1.0 };
+        self.held.copy_from_slice(presence);
+        let light = LIGHT + (1.0 - LIGHT) * self.unrest;
+        let drag = Drag { weight: self.hold, light, free: SPEED / self.options.rate };
         for k in 1..=steps as u32 {
             let share = f64::from(k) / steps;
             for ((at, from), to) in self.way.iter_mut().zip(&self.last).zip(positions) {
                 *at = if share < 1.0 { from.lerp(*to, share) } else { *to };
             }
-            let result = self.solver.solve(&mut self.state, &self.way, presence, &self.before, self.hold, iterations, tolerance);
+            let result = self.solver.solve(&mut self.state, &self.way, presence, &self.before, drag, iterations, tolerance);
             match result {
                 Ok(solved) => all = Solved { steps: all.steps + solved.steps, ..solved },
                 Err(_) => return self.start_over(targets, true),

@@ -25,7 +25,7 @@ const RIGID: f64 = 0.04;
 /// Share of the vertices that are on rigid parts at least: crumbs beside one large piece that bends do not make it a thing of parts.
 const LEAST: f64 = 0.1;
 
-/// A track per rigid part and a skin of what bends; `None` unless there are at least two of them, one of them rigid, or if the skin misses the tolerance.
+/// A track per rigid part and a skin of what bends; `None` without rigid parts, with one and nothing else, or if the skin misses the tolerance.
 pub fn encode<M: PointMap>(job: &Job<'_, M>, motion: &Motion<'_>) -> Result<Option<Encoded>> {
     if job.pieces.len() < 2 {
         return Ok(None);
