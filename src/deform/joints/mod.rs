@@ -61,8 +61,6 @@ const DRAG: f64 = 0.04;
 const LIGHT: f64 = 0.1;
 /// What these turn faster than this, in radians per second, feels all of it.
 const SPEED: f64 = 3.0;
-/// Where handles come or go they feel all of it, too, and less and less as time goes on, with this time in seconds.
-const CALM: f64 = 0.25;
 /// Hold for others.
 const HARDLY: f64 = 1e-9;
 
@@ -76,9 +74,6 @@ pub struct Joints {
     tree: Tree,
     options: Options,
     hold: f64,
-    /// How much of the drag well told joints feel more since handles came or went, and how strongly these were held in the frame before.
-    unrest: f64,
-    held: Vec<f64>,
     state: State,
     /// Turns of the frame before, the targets of it, and those on the way from them.
     before: Pose,
@@ -118,8 +113,6 @@ impl Joints {
             tree,
             options: *options,
             hold,
-            unrest: 0.0,
-            held: vec![1.0; handles.len()],
             before: state.pose.clone(),
             snapped: state.pose.clone(),
             last: vec![DVec3::NAN; handles.len()],
@@ -215,8 +208,6 @@ impl Joints {
             .map_err(|_| Error::refused("no pose of the parts was found that meets the targets of the first frame"))?;
         self.state = state;
         self.before.set(&self.state.pose);
-        self.unrest = 0.0;
-        self.held.copy_from_slice(presence);
         self.remember(targets);
         self.finish();
         Ok(self.stats(solved, recovered))
@@ -247,11 +238,7 @@ impl Deformer for Joints {
         let Options { tolerance, iterations, .. } = self.options;
         let mut all = Solved::default();
         self.before.set(&self.state.pose);
-        let calm = (-1.0 / (CALM * self.options.rate)).exp();
-        self.unrest = if *presence == self.held { self.unrest * calm } else { 1.0 };
-        self.held.copy_from_slice(presence);
-        let light = LIGHT + (1.0 - LIGHT) * self.unrest;
-        let drag = Drag { weight: self.hold, light, free: SPEED / self.options.rate };
+        let drag = Drag { weight: self.hold, light: LIGHT, free: SPEED / self.options.rate };
         for k in 1..=steps as u32 {
             let share = f64::from(k) / steps;
             for ((at, from), to) in self.way.iter_mut().zip(&self.last).zip(positions) {

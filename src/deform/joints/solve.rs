@@ -126,7 +126,7 @@ impl Solver {
         tolerance: f64,
     ) -> Result<Solved, NotPositive> {
         let Self { told, model, holds, betas, .. } = self;
-        told.measure(model, holds, |k| betas[k] * presence[k], before, drag.light);
+        told.measure(model, holds, betas, presence, before, drag.light);
         let mut solved = Solved::default();
         let mut share = 1.0;
         while solved.steps < cap {

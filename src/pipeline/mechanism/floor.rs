@@ -142,6 +142,8 @@ mod tests {
         let straight = |k: f64| DVec2::new(0.8 * k, 0.0);
         assert_eq!(slope(&walk(9, DVec2::ZERO, 4e-3, straight)), DVec2::ZERO);
         assert_eq!(slope(&walk(9, DVec2::new(0.3, 0.0), 0.0, straight)), DVec2::ZERO);
+        let round = |k: f64| DVec2::from_angle(0.5 * k) * 0.5;
+        assert_eq!(slope(&walk(30, DVec2::new(0.06, 0.0), 0.0, round)), DVec2::ZERO, "a ramp");
         assert_eq!(slope(&walk(3, DVec2::new(0.015, 0.0), 0.0, straight)), DVec2::ZERO, "one footfall of a foot");
         // On the spot, the hind foot on its ball.
         let spot = |k: f64| DVec2::new(if k as usize % 3 == 0 { -0.4 } else { 0.1 }, 0.0) + DVec2::from_angle(k) * 0.2;
