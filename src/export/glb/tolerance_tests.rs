@@ -221,7 +221,7 @@ fn a_skin_beside_rigid_parts_is_corrected_by_morph_targets_of_its_own() {
     let header = two_pieces(0.8, 2.2);
     // In one frame every vertex of what bends is somewhere else, which no joint can do.
     let torn = |f: usize| -> Vec<DVec3> {
-        let off = |i: usize| DVec3::Y * (0.006 * (37.0 * i as f64).sin());
+        let off = |i: usize| DVec3::Y * (0.02 * (37.0 * i as f64).sin());
         let pose = half_bent(&header, f).into_iter().zip(&header.proxy.rest).enumerate();
         pose.map(|(i, (q, p))| if f == 12 && p.x > 0.0 { q + off(i) } else { q }).collect()
     };

@@ -128,7 +128,7 @@ mod tests {
 
     #[test]
     fn a_floor_that_leans_is_found_along_the_way() {
-        let straight = |k: f64| DVec2::new(0.8 * k, if k as usize % 2 == 0 { 0.1 } else { -0.1 });
+        let straight = |k: f64| DVec2::new(0.8 * k, if k % 2.0 < 1.0 { 0.1 } else { -0.1 });
         let found = slope(&walk(9, DVec2::new(0.012, 0.02), 2e-3, straight));
         assert!((found.x - 0.012).abs() < 1e-3, "{found}");
         assert!(found.y.abs() < 2e-3, "a straight way does not tell how the floor leans across: {found}");
@@ -146,7 +146,7 @@ mod tests {
         assert_eq!(slope(&walk(30, DVec2::new(0.06, 0.0), 0.0, round)), DVec2::ZERO, "a ramp");
         assert_eq!(slope(&walk(3, DVec2::new(0.015, 0.0), 0.0, straight)), DVec2::ZERO, "one footfall of a foot");
         // On the spot, the hind foot on its ball.
-        let spot = |k: f64| DVec2::new(if k as usize % 3 == 0 { -0.4 } else { 0.1 }, 0.0) + DVec2::from_angle(k) * 0.2;
+        let spot = |k: f64| DVec2::new(if k % 3.0 < 1.0 { -0.4 } else { 0.1 }, 0.0) + DVec2::from_angle(k) * 0.2;
         assert_eq!(slope(&walk(40, DVec2::new(0.015, 0.0), 9e-3, spot)), DVec2::ZERO);
     }
 }
