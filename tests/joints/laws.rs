@@ -436,6 +436,38 @@ fn a_snake_without_limbs_follows_a_few_handles_within_its_cones() {
     }
 }
 
+/// How far from its target a handle of a chain may be while joints that few handles tell turn by up to 2° a frame, in diagonals.
+const LAG: f64 = 1e-3;
+
+#[test]
+fn what_joints_can_do_is_met_while_they_move_though_few_handles_tell() {
+    let (parts, joints) = chain(Some((-0.9, 0.9)));
+    // Where a point of a link comes to when joints turn.
+    let bent = |link: usize, p: DVec3, f: f64| {
+        (1..=link).rev().fold(p, |p, k| {
+            let axis = if k % 2 == 0 { DVec3::Y } else { DVec3::Z };
+            let centre = DVec3::X * (LINK * k as f64 - 0.5);
+            DQuat::from_axis_angle(axis, 0.4 * (0.08 * f + k as f64).sin() - 0.4 * (k as f64).sin()) * (p - centre) + centre
+        })
+    };
+    let places: Vec<(usize, DVec3)> = (0..LINKS)
+        .flat_map(|k| (0..if k == 0 { 4 } else { 1 }).map(move |c| (k, c)))
+        .map(|(k, c)| (k, parts[k].points[[7, 4, 2, 1][c]]))
+        .collect();
+    let few = |model: &Model| -> Vec<Handle> {
+        places.iter().map(|&(k, p)| Handle { name: format!("{k}"), row: model.row(k, p), beta: 1.0 }).collect()
+    };
+    let (mut body, handles, _) = deformer(parts.clone(), &joints, few);
+    let mut furthest: f64 = 0.0;
+    for f in 0..80 {
+        let targets: Vec<DVec3> = places.iter().map(|&(k, p)| bent(k, p, f64::from(f))).collect();
+        if f == 0 { body.start(&all(targets.clone())) } else { body.step(&all(targets.clone())) }.expect("solved");
+        furthest = furthest.max(worst(&handles, body.pose(), &targets));
+    }
+    eprintln!("lag {furthest:.2e}");
+    assert!(furthest < LAG, "lags by {furthest}");
+}
+
 #[test]
 fn a_limb_that_passes_its_own_axis_does_not_snap_over() {
     // A turntable, and an arm on it that is lifted: where the arm points up its tip does not tell how the table is turned.

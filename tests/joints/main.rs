@@ -7,6 +7,8 @@ mod arm;
 mod common;
 mod corpus;
 mod detection;
+mod feet;
+mod glb;
 mod laws;
 mod limits;
 mod program;

@@ -256,6 +256,5 @@ fn joints_follow_what_they_can_reach() {
     };
     let (median, worst) = (figure("residual median "), figure(", worst "));
     eprintln!("lamp: handles are {:.2} mm off, median, and {:.2} mm at worst", median * 1e3, worst * 1e3);
-    // They lag by the drag that holds joints of which few handles tell.
-    assert!(median < 1e-3 && worst < 6.5e-3, "median {median}, worst {worst}");
+    assert!(median < 1.5e-4 && worst < 1e-3, "median {median}, worst {worst}");
 }

@@ -8,7 +8,7 @@ use crate::cli::args::Plant;
 use crate::cli::captures::Captures;
 use crate::error::{Error, Notes, Result};
 use crate::pipeline::mechanism::drive::{self, Drive, Puppeteer, Stand};
-use crate::pipeline::mechanism::{feet, robot};
+use crate::pipeline::mechanism::{feet, floor, robot};
 use crate::space::{Evidence, Known, Unit};
 use glam::{DQuat, DVec3};
 
@@ -37,7 +37,9 @@ impl Stage<'_> {
         let forward = body.as_ref().map(|b| b.forward).ok().or(said_forward).unwrap_or_else(|| up.any_orthonormal_vector());
         let front = drive::front(&joints, &person, frames).unwrap_or_else(|| person.up.value.vector().any_orthonormal_vector());
         let turn = self.turn();
-        let axes = DQuat::from_axis_angle(up, turn.to_radians()) * drive::axes(person.up.value.vector(), front, up, forward);
+        let normal = floor::normal(&joints, &person, frames, capture.rate);
+        let leans = normal.angle_between(person.up.value.vector()).to_degrees();
+        let axes = DQuat::from_axis_angle(up, turn.to_radians()) * drive::axes(normal, front, up, forward);
         let leg = leg_of(&drives, &person).or(body.as_ref().ok().map(|b| length(b.legs[0]))).ok_or_else(|| {
             Error::refused("no leg of the machine is driven: its size against the actor is not known").hint("--scale X")
         });
@@ -64,7 +66,8 @@ impl Stage<'_> {
         let factor = scale * self.unit_box.diagonal * metres(self.unit()) / metres(person.unit);
         let map = drives.iter().map(|d| self.says(d)).collect::<Vec<_>>().join(", ");
         let how = if told.is_empty() { "by the body" } else { "by the rig file" };
-        let words = format!("bone by bone, {how} · scale {factor:.3} · {map}");
+        let floor = if leans > 0.0 { format!(" · its floor leans by {leans:.1}°, taken level") } else { String::new() };
+        let words = format!("bone by bone, {how} · scale {factor:.3}{floor} · {map}");
         let mut decisions = self.decisions(captures, "joint", handles.len());
         decisions.scale = factor;
         decisions.yaw = turn;

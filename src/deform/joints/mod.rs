@@ -16,6 +16,7 @@ mod rows;
 mod solve;
 mod start;
 mod system;
+mod told;
 mod tree;
 
 pub use coordinates::Violation;
@@ -26,7 +27,7 @@ use super::{Deformer, FrameStats, Handle, Targets};
 use crate::error::{Error, Result};
 use glam::DVec3;
 use rows::Pose;
-use solve::{Solved, Solver, State};
+use solve::{Drag, Solved, Solver, State};
 use tree::Tree;
 
 /// How the deformer solves.
@@ -56,6 +57,10 @@ impl Default for Options {
 /// Hold for bodies that handles leave open, in seconds: a drag that slows joints down as much at any rate. Less lets a limb that comes out of a singular pose
 /// (an arm that hangs along two of its axes) snap over within a frame, more lags behind the take.
 const DRAG: f64 = 0.04;
+/// Share of it that joints feel which handles tell well.
+const LIGHT: f64 = 0.1;
+/// What these turn faster than this, in radians per second, feels all of it.
+const SPEED: f64 = 3.0;
 /// Hold for others.
 const HARDLY: f64 = 1e-9;
 
@@ -233,12 +238,13 @@ impl Deformer for Joints {
         let Options { tolerance, iterations, .. } = self.options;
         let mut all = Solved::default();
         self.before.set(&self.state.pose);
+        let drag = Drag { weight: self.hold, light: LIGHT, free: SPEED / self.options.rate };
         for k in 1..=steps as u32 {
             let share = f64::from(k) / steps;
             for ((at, from), to) in self.way.iter_mut().zip(&self.last).zip(positions) {
                 *at = if share < 1.0 { from.lerp(*to, share) } else { *to };
             }
-            let result = self.solver.solve(&mut self.state, &self.way, presence, &self.before, self.hold, iterations, tolerance);
+            let result = self.solver.solve(&mut self.state, &self.way, presence, &self.before, drag, iterations, tolerance);
             match result {
                 Ok(solved) => all = Solved { steps: all.steps + solved.steps, ..solved },
                 Err(_) => return self.start_over(targets, true),

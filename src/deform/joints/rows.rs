@@ -6,8 +6,9 @@
 use super::coordinates::{Coordinates, Limits};
 use super::model::{Link, Model, Strain};
 use super::system::{Part, System};
+use super::told::Axis;
 use crate::joints::Kind;
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 
 /// Lengths count in tenths of the model's diagonal, so that the weights mean the same for every size.
 pub(super) const UNIT: f64 = 10.0;
@@ -108,15 +109,48 @@ pub(super) fn stay(system: &mut System, weight: f64, pose: &Pose, before: &Pose,
     }
 }
 
-/// A joint turns as it was turned in the frame before: a drag that a motion of the whole does not feel.
-pub(super) fn drag(system: &mut System, weight: f64, pose: &Pose, before: &Pose, link: &Link) {
+/// A joint is turned as in the frame before: a drag that a motion of the whole does not feel, with a share of its own about each axis.
+pub(super) fn drag(system: &mut System, weight: f64, pose: &Pose, before: &Pose, link: &Link, axes: &[Axis], free: f64) {
     let Link { a, b, .. } = *link;
     let last = before.turns[a].transpose() * before.turns[b];
-    for axis in DVec3::AXES {
-        let arm = axis * (LEVER * UNIT);
-        let (p, q) = (pose.turns[b] * arm, pose.turns[a] * (last * arm));
-        system.add_turns(weight, p - q, &[(b, turned(p)), (a, turned(q) * -1.0)]);
+    let turned = DQuat::from_mat3(&(pose.turns[a].transpose() * pose.turns[b] * last.transpose())).to_scaled_axis();
+    // As two arms that are turned.
+    let weight = weight * 2.0 * (LEVER * UNIT).powi(2);
+    for &(axis, share) in axes.iter().filter(|a| a.1 > 0.0) {
+        let (about, angle) = (pose.turns[a] * axis, axis.dot(turned));
+        turn(system, weight * share, link, about, angle);
+        let beyond = angle - angle.clamp(-free, free);
+        if share < 1.0 && beyond != 0.0 {
+            turn(system, weight * (1.0 - share), link, about, beyond);
+        }
     }
+}
+
+/// A joint slides as in the frame before: what nothing drives goes along.
+pub(super) fn slide(system: &mut System, weight: f64, pose: &Pose, before: &Pose, model: &Model, link: &Link) {
+    let axes = match link.kind {
+        Kind::Prismatic | Kind::Cylinder => &[link.frame.x_axis][..],
+        Kind::Plane => &[link.frame.x_axis, link.frame.y_axis],
+        _ => return,
+    };
+    let offset = |pose: &Pose| pose.point(model, link.b, link.centre) - pose.point(model, link.a, link.centre);
+    for &axis in axes {
+        let last = (before.turns[link.a] * axis).dot(offset(before));
+        along(system, weight, pose, model, link, axis, last);
+    }
+}
+
+/// The offset of the centre in `b` from that in `a`, along a direction of `a`.
+fn along(system: &mut System, weight: f64, pose: &Pose, model: &Model, link: &Link, axis: DVec3, wanted: f64) {
+    let Link { a, b, centre, .. } = *link;
+    let (arm_a, arm_b) = (pose.turns[a] * (centre - model.origins[a]), pose.turns[b] * (centre - model.origins[b]));
+    let offset = pose.places[b] + arm_b - pose.places[a] - arm_a;
+    let d = pose.turns[a] * axis;
+    let parts = [
+        Part { variable: b, turn: arm_b.cross(d) * UNIT, shift: d * UNIT },
+        Part { variable: a, turn: (d.cross(offset) - arm_a.cross(d)) * UNIT, shift: d * -UNIT },
+    ];
+    system.add_scalar(weight, (offset.dot(d) - wanted) * UNIT, &parts);
 }
 
 /// A joint and the limits that are met.
@@ -137,14 +171,8 @@ pub(super) fn joint(
     };
     let (arm_a, arm_b) = (pose.turns[a] * (centre - model.origins[a]), pose.turns[b] * (centre - model.origins[b]));
     let offset = pose.places[b] + arm_b - pose.places[a] - arm_a;
-    // The offset along a direction of `a`.
     let along = |system: &mut System, weight: f64, axis: DVec3, wanted: f64| {
-        let d = pose.turns[a] * axis;
-        let parts = [
-            Part { variable: b, turn: arm_b.cross(d) * UNIT, shift: d * UNIT },
-            Part { variable: a, turn: (d.cross(offset) - arm_a.cross(d)) * UNIT, shift: d * -UNIT },
-        ];
-        system.add_scalar(weight, (offset.dot(d) - wanted) * UNIT, &parts);
+        along(system, weight, pose, model, link, axis, wanted);
     };
     let w = weights.joint;
     if matches!(kind, Kind::Ball | Kind::Revolute) {

@@ -6,11 +6,15 @@ use super::coordinates::{Coordinates, Limits, Violation};
 use super::model::Model;
 use super::rows::{self, Hold, Pose, Weights};
 use super::system::{Part, System};
+use super::told::Told;
 use crate::linalg::NotPositive;
 use glam::{DMat3, DQuat, DVec3};
 
 /// The largest turn of a variable in one step, radians: the step is shortened as a whole. Rows are linear in turns only nearby.
 const LARGEST_TURN: f64 = 1.0;
+
+/// Steps that are taken in full at first.
+const FULL: u32 = 3;
 
 /// How strongly a variable stays as it was turned, against how strongly a joint does.
 const WHOLE: f64 = 0.01;
@@ -26,9 +30,31 @@ pub(super) struct Solver {
     /// Points that do not go below the ground.
     soles: Vec<Hold>,
     system: System,
+    told: Told,
     parts: Vec<Part<DMat3>>,
     planes: Vec<Part<DVec3>>,
 }
+
+/// How joints stay turned as in the frame before.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Drag {
+    /// Against a handle.
+    pub(super) weight: f64,
+    /// Share of it that joints feel which handles tell well.
+    pub(super) light: f64,
+    /// Turns up to this, in radians, feel no more than that.
+    pub(super) free: f64,
+}
+
+impl Drag {
+    /// All joints feel all of it.
+    pub(super) fn all(weight: f64) -> Self {
+        Self { weight, light: 1.0, free: 0.0 }
+    }
+}
+
+/// How strongly slides stay as in the frame before, against a handle: hardly, but nothing else may hold them.
+const SLIDE: f64 = 1e-4;
 
 /// What is carried from step to step and from frame to frame.
 #[derive(Clone, Debug, Default)]
@@ -68,7 +94,8 @@ impl Solver {
         groups.extend(model.links.iter().map(|l| vec![l.a as u32, l.b as u32]));
         groups.extend(model.strains.iter().map(|s| vec![s.a as u32, s.b as u32]));
         let system = System::new(model.variables(), &groups)?;
-        Ok(Self { model, weights, holds, betas, soles, system, parts: Vec::new(), planes: Vec::new() })
+        let told = Told::new(&model, &holds);
+        Ok(Self { model, weights, told, holds, betas, soles, system, parts: Vec::new(), planes: Vec::new() })
     }
 
     /// The rest pose.
@@ -86,7 +113,7 @@ impl Solver {
         self.system.entries()
     }
 
-    /// At most `cap` steps, until none moves anything by more than `tolerance`. `stay` is how strongly joints stay turned as in `before`.
+    /// At most `cap` steps, until none moves anything by more than `tolerance`. `drag` is against `before`.
     ///
     /// # Errors
     /// A pose that is not finite any more.
@@ -97,17 +124,21 @@ impl Solver {
         targets: &[DVec3],
         presence: &[f64],
         before: &Pose,
-        stay: f64,
+        drag: Drag,
         cap: u32,
         tolerance: f64,
     ) -> Result<Solved, NotPositive> {
+        let Self { told, model, holds, betas, .. } = self;
+        told.measure(model, holds, betas, presence, before, drag.light);
         let mut solved = Solved::default();
+        let mut share = 1.0;
         while solved.steps < cap {
-            self.assemble(state, targets, presence, before, stay);
+            self.assemble(state, targets, presence, before, drag);
             solved.energy = self.system.energy;
             self.system.solve()?;
             solved.released = self.release(state);
-            solved.moved = self.step(&mut state.pose);
+            share = if solved.steps < FULL { 1.0 } else { self.system.relaxation(share) };
+            solved.moved = self.step(&mut state.pose, share);
             solved.steps += 1;
             if solved.settled(tolerance) {
                 break;
@@ -121,12 +152,12 @@ impl Solver {
 
     /// Energy of a state.
     pub(super) fn energy(&mut self, state: &mut State, targets: &[DVec3], presence: &[f64], before: &Pose) -> f64 {
-        self.assemble(state, targets, presence, before, 0.0);
+        self.assemble(state, targets, presence, before, Drag::all(0.0));
         self.system.energy
     }
 
-    fn assemble(&mut self, state: &mut State, targets: &[DVec3], presence: &[f64], before: &Pose, stay: f64) {
-        let Self { model, weights, holds, betas, soles, system, parts, planes } = self;
+    fn assemble(&mut self, state: &mut State, targets: &[DVec3], presence: &[f64], before: &Pose, drag: Drag) {
+        let Self { model, weights, holds, betas, soles, system, told, parts, planes } = self;
         system.clear();
         let pose = &state.pose;
         for strain in &model.strains {
@@ -151,9 +182,13 @@ impl Solver {
                 }
             }
         }
+        let stay = drag.weight;
         if stay > 0.0 {
+            for (link, axes) in model.links.iter().zip(&told.axes) {
+                rows::drag(system, weights.position * stay, pose, before, link, axes, drag.free);
+            }
             for link in &model.links {
-                rows::drag(system, weights.position * stay, pose, before, link);
+                rows::slide(system, weights.position * SLIDE, pose, before, model, link);
             }
             for variable in 0..model.variables() {
                 rows::stay(system, weights.position * stay * WHOLE, pose, before, variable);
@@ -191,11 +226,11 @@ impl Solver {
         Some((depth, ground.up))
     }
 
-    /// Applies the step; returns how far it moved anything.
-    fn step(&self, pose: &mut Pose) -> f64 {
+    /// Applies a part of the step; returns how far the whole of it moves anything.
+    fn step(&self, pose: &mut Pose, part: f64) -> f64 {
         let count = pose.turns.len();
         let largest = (0..count).map(|v| self.system.step(v).0.length()).fold(0.0, f64::max);
-        let share = if largest > LARGEST_TURN { LARGEST_TURN / largest } else { 1.0 };
+        let share = part.min(LARGEST_TURN / largest);
         let mut moved = 0.0_f64;
         for v in 0..count {
             let (turn, shift) = self.system.step(v);
@@ -205,7 +240,7 @@ impl Solver {
             pose.places[v] += shift;
             moved = moved.max(turn.abs().max_element()).max(shift.abs().max_element());
         }
-        moved
+        moved / share
     }
 
     /// The worst violation of the joints in a pose.

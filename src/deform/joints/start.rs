@@ -3,7 +3,7 @@
 //! Parts with enough handles are put where these fit best. Otherwise the body goes from rest to the targets in small steps, its joints bent a little
 //! beforehand: a straight chain pulled along itself is singular. Which way a limb bends is decided by that, so several are tried.
 
-use super::solve::{Solved, Solver, State};
+use super::solve::{Drag, Solved, Solver, State};
 use super::tree::Tree;
 use crate::linalg::{NotPositive, nearest_rotation};
 use glam::{DMat3, DVec3};
@@ -50,7 +50,13 @@ pub(super) fn start(
             break;
         }
     }
-    let (energy, state, solved) = best.ok_or(NotPositive)?;
+    let (energy, mut state, mut solved) = best.ok_or(NotPositive)?;
+    if !solved.settled(tolerance) {
+        // What the targets leave open wandered.
+        let before = state.pose.clone();
+        solved = solver.solve(&mut state, targets, presence, &before, Drag::all(stay), LAST, tolerance)?;
+        steps += solved.steps;
+    }
     Ok((state, Solved { steps, energy, ..solved }))
 }
 
@@ -88,7 +94,7 @@ fn by_parts(
         }
     }
     let before = state.pose.clone();
-    let solved = solver.solve(&mut state, targets, presence, &before, 1e-6, LAST, tolerance)?;
+    let solved = solver.solve(&mut state, targets, presence, &before, Drag::all(1e-6), LAST, tolerance)?;
     Ok(Some((state, solved)))
 }
 
@@ -102,7 +108,7 @@ fn by_steps(
     bend: f64,
     tolerance: f64,
 ) -> Result<(State, Solved), NotPositive> {
-    let stay = stay.min(STAY);
+    let drag = Drag::all(stay.min(STAY));
     let mut state = solver.rest();
     // Rows of directions are no places.
     let is_place = |k: usize| (solver.holds[k].iter().map(|h| h.1).sum::<f64>() - 1.0).abs() < 1e-9;
@@ -129,10 +135,10 @@ fn by_steps(
         for ((at, from), to) in way.iter_mut().zip(&from).zip(targets) {
             *at = from.lerp(*to, share);
         }
-        all += solver.solve(&mut state, &way, presence, &before, stay, STEPS, tolerance)?.steps;
+        all += solver.solve(&mut state, &way, presence, &before, drag, STEPS, tolerance)?.steps;
         before.set(&state.pose);
     }
-    let solved = solver.solve(&mut state, targets, presence, &before, stay, LAST, tolerance)?;
+    let solved = solver.solve(&mut state, targets, presence, &before, drag, LAST, tolerance)?;
     Ok((state, Solved { steps: all + solved.steps, ..solved }))
 }
 

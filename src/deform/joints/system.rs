@@ -7,6 +7,10 @@ use glam::{DMat3, DVec3};
 /// Damping, as a share of the diagonal.
 const DAMPING: f64 = 1e-7;
 
+/// Parts of a step at least and at most.
+const LEAST: f64 = 0.2;
+const MOST: f64 = 2.0;
+
 /// How a residual changes with one variable: with its turn and with its shift.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Part<T> {
@@ -29,6 +33,8 @@ pub(super) struct System {
     damped: Vec<f64>,
     gradient: Vec<f64>,
     step: Vec<f64>,
+    /// The step before.
+    last: Vec<f64>,
     pub(super) energy: f64,
     cholesky: RepeatedCholesky,
 }
@@ -75,6 +81,7 @@ impl System {
             damped: vec![0.0; count],
             gradient: vec![0.0; 6 * variables],
             step: vec![0.0; 6 * variables],
+            last: vec![0.0; 6 * variables],
             energy: 0.0,
             cholesky: RepeatedCholesky::analyse(scalar_starts, scalar_rows, 1)?,
         })
@@ -183,9 +190,20 @@ impl System {
             self.damped[at] += DAMPING * self.values[at].max(1e-6 * largest);
         }
         self.cholesky.factor(&self.damped)?;
+        std::mem::swap(&mut self.step, &mut self.last);
         self.step.iter_mut().zip(&self.gradient).for_each(|(s, g)| *s = -g);
         self.cholesky.solve(&mut self.step);
         if self.step.iter().all(|x| x.is_finite()) { Ok(()) } else { Err(NotPositive) }
+    }
+
+    /// The part of the step that ends where steps seem to lead to; `share`: the part of the one before that was taken. Less than all where they go to and fro,
+    /// more where they creep (Aitken's relaxation of a vector; Irons, Tuck 1969).
+    pub(super) fn relaxation(&self, share: f64) -> f64 {
+        let change = || self.step.iter().zip(&self.last).map(|(s, l)| s - l);
+        let along: f64 = change().zip(&self.last).map(|(d, l)| d * l).sum();
+        let square: f64 = change().map(|d| d * d).sum();
+        let share = -share * along / square;
+        if share.is_finite() { share.clamp(LEAST, MOST) } else { 1.0 }
     }
 
     /// Turn and shift of a variable.
@@ -209,6 +227,22 @@ fn outer(a: DVec3, b: DVec3) -> DMat3 {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn steps_that_creep_are_lengthened_and_those_that_go_to_and_fro_shortened() {
+        let mut system = System::new(2, &[vec![0, 1]]).unwrap();
+        // Every step is this much of the one before, if that is taken in full.
+        for (follows, expected) in
+            [(0.0, 1.0), (0.4, 1.0 / 0.6), (0.9, MOST), (-0.5, 1.0 / 1.5), (-1.2, 1.0 / 2.2), (-9.0, LEAST)]
+        {
+            for taken in [1.0, 0.7] {
+                system.last = (0..12).map(|k| (k as f64).cos()).collect();
+                system.step = system.last.iter().map(|s| s * (1.0 - taken * (1.0 - follows))).collect();
+                let share = system.relaxation(taken);
+                assert!((share - expected).abs() < 1e-9, "{follows}: {share}");
+            }
+        }
+    }
 
     #[test]
     fn a_step_solves_the_normal_equations_of_the_rows() {

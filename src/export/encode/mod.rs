@@ -12,7 +12,8 @@
 //! 6. [`measure`]: these numbers decoded again and compared with the motion;
 //! 7. [`correct`]: where joints no longer help, morph targets for what is left in single frames.
 //!
-//! [`basis`] stores a motion without joints, as morph targets alone; [`parts`] that of rigid parts, as a track of each.
+//! [`basis`] stores a motion without joints, as morph targets alone; [`parts`] that of rigid parts, as a track of each, beside a
+//! skin of what bends.
 //!
 //! All lengths are fractions of the scan's diagonal (the unit box).
 
@@ -68,8 +69,8 @@ const RARE: usize = 100;
 /// By what a motion is stored.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Encode {
-    /// A track of each rigid part, if there is nothing else; else a skin, and corrective morph targets where joints no longer help; else morph
-    /// targets alone.
+    /// A track of each rigid part, and a skin of what bends, if the surface is of separate pieces; else a skin, and corrective morph targets where joints
+    /// no longer help; else morph targets alone.
     #[default]
     Auto,
     /// A skin alone.
@@ -193,8 +194,36 @@ pub struct Encoded {
     pub summary: Summary,
     /// Joint weights of proxy vertices, for names: proxy vertex, weights.
     pub proxy_influences: Vec<(u32, Influences)>,
-    /// Where each joint moves a rigid part: the part of each vertex.
-    pub parts: Option<Vec<u16>>,
+    /// Where joints move rigid parts.
+    pub parts: Option<Parts>,
+}
+
+/// What hangs on which joint of a thing made of parts.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Parts {
+    /// Number of rigid parts: the first joints move one each.
+    pub rigid: usize,
+    /// Part of each vertex; vertices that bend have the number after the last and hang on the further joints.
+    pub of_vertex: Vec<u16>,
+}
+
+impl Parts {
+    /// Whether a vertex is on a rigid part.
+    pub fn is_rigid(&self, vertex: usize) -> bool {
+        usize::from(self.of_vertex[vertex]) < self.rigid
+    }
+}
+
+impl Encoded {
+    /// Number of rigid parts.
+    pub fn rigid_parts(&self) -> usize {
+        self.parts.as_ref().map_or(0, |parts| parts.rigid)
+    }
+
+    /// Number of joints that vertices hang on by weights.
+    pub fn joints(&self) -> usize {
+        self.skin.nodes() - 1 - self.rigid_parts()
+    }
 }
 
 impl<M: PointMap> Job<'_, M> {

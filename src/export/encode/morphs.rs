@@ -65,6 +65,15 @@ impl Morphs {
         Ok(Self::new(targets, all.finish()?))
     }
 
+    /// The same targets of vertices that are among others; `places`: where.
+    pub fn of_places(self, places: &[u32]) -> Self {
+        let moved = |target| match target {
+            Target::Sparse(vertices, offsets) => Target::Sparse(vertices.iter().map(|&v| places[v as usize]).collect(), offsets),
+            Target::Dense(offsets) => Target::Sparse(places.to_vec(), offsets),
+        };
+        Self { targets: self.targets.into_iter().map(moved).collect(), ..self }
+    }
+
     /// Positions of a frame before the joints move them, from those at rest; `None` where they are the same.
     pub fn apply(&self, frame: usize, rest: &[[f32; 3]]) -> Result<Option<Vec<DVec3>>> {
         let weights = self.weights(frame)?;

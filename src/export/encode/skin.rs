@@ -8,6 +8,7 @@ use crate::error::Result;
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
+use std::path::Path;
 
 /// From the unit box to the coordinates of the file: `u · scale + shift`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -113,6 +114,39 @@ impl Skin {
             (*joints, *weights) = round(influence, levels);
         });
         Ok(skin)
+    }
+
+    /// This skin and another one over the same motion as one: its joints and vertices, then those of the other under the same root. `places`: of the
+    /// vertices of both in the whole.
+    pub fn beside(&self, other: &Self, places: [&[u32]; 2], folder: &Path) -> Result<Self> {
+        let wide = |p: [f32; 3]| DVec3::from_array(p.map(f64::from));
+        let shift = wide(other.pivots[0]) - wide(self.pivots[0]);
+        let moved = |p: [f32; 3]| (wide(p) + shift).as_vec3().to_array();
+        let mut keys = Growing::new(folder, self.nodes() + other.nodes() - 1)?;
+        for f in 0..self.frames() {
+            let mut row = self.keys.frame(f)?;
+            let others = other.keys.frame(f)?;
+            row.extend(others[1..].iter().map(|key| Key { translation: moved(key.translation), ..*key }));
+            keys.push(&row)?;
+        }
+        let count = places[0].len() + places[1].len();
+        let (mut joints, mut weights) = (vec![[0; 4]; count], vec![[0; 4]; count]);
+        let before = (self.nodes() - 1) as u16;
+        for ((skin, places), before) in [self, other].into_iter().zip(places).zip([0, before]) {
+            for (k, &place) in places.iter().enumerate() {
+                joints[place as usize] = skin.joints[k].map(|node| if node > 0 { node + before } else { 0 });
+                weights[place as usize] = skin.weights[k];
+            }
+        }
+        let after = |own: &[[f32; 3]], others: Vec<[f32; 3]>| [own, &others].concat();
+        Ok(Self {
+            pivots: after(&self.pivots, other.pivots[1..].to_vec()),
+            rest_translations: after(&self.rest_translations, other.rest_translations[1..].iter().map(|&t| moved(t)).collect()),
+            keys: keys.finish()?,
+            joints,
+            weights,
+            levels: self.levels,
+        })
     }
 
     /// Number of nodes, the root included.

@@ -91,12 +91,10 @@ impl Buffer {
     }
 
     /// Adds an accessor of three floats that are zero but for some, whose views of indices and of values are given; returns its index.
-    pub(crate) fn sparse(&mut self, views: Option<(usize, usize)>, some: usize, count: usize, more: Value) -> usize {
-        let mut accessor = json!({ "componentType": component::F32, "count": count, "type": "VEC3" });
-        if let Some((indices, values)) = views {
-            let indices = json!({ "bufferView": indices, "componentType": component::U32 });
-            accessor["sparse"] = json!({ "count": some, "indices": indices, "values": { "bufferView": values } });
-        }
+    pub(crate) fn sparse(&mut self, (indices, values): (usize, usize), some: usize, count: usize, more: Value) -> usize {
+        let indices = json!({ "bufferView": indices, "componentType": component::U32 });
+        let sparse = json!({ "count": some, "indices": indices, "values": { "bufferView": values } });
+        let mut accessor = json!({ "componentType": component::F32, "count": count, "type": "VEC3", "sparse": sparse });
         if let (Some(accessor), Value::Object(more)) = (accessor.as_object_mut(), more) {
             accessor.extend(more);
         }

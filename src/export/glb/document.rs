@@ -1,7 +1,7 @@
 //! The glTF document: scene, nodes, skin, mesh, animation.
 //!
-//! A motion without joints has no skin: the mesh hangs on the root's node, and morph targets do the rest. Nor has one of rigid parts: each is a
-//! mesh on a node of its own.
+//! A motion without joints has no skin: the mesh hangs on the root's node, and morph targets do the rest. Nor has a rigid part: each is a mesh on a
+//! node of its own, beside the skin of what bends.
 
 use super::container::{Buffer, Pieces, Target, bounds, component, float_rows, numbers};
 use super::geometry::{Geometry, Primitive};
@@ -32,8 +32,8 @@ pub(crate) struct Content<'a> {
     pub(crate) encoded: &'a Encoded,
     /// Place in the skin of each scan vertex.
     pub(crate) places: &'a [u32],
-    /// Names of the skin's nodes.
-    pub(crate) joint_names: &'a [String],
+    /// Names of the root, the rigid parts and the joints.
+    pub(crate) node_names: &'a [String],
     /// Where the file's coordinates begin in the scan's.
     pub(crate) offset: DVec3,
     /// Keys per second.
@@ -75,10 +75,11 @@ impl Content<'_> {
             "materials": looks.materials,
         });
         if self.is_skinned() {
-            let pivots = &self.encoded.skin.pivots;
-            let bind = buffer.view(float_rows(pivots.iter().map(inverse_bind)), Target::Other);
-            let bind = buffer.accessor(bind, 0, component::F32, pivots.len(), "MAT4", json!({}));
-            let joints = (ROOT..self.mesh_node()).collect::<Vec<_>>();
+            // The root, which no vertex hangs on, is the first.
+            let joints: Vec<usize> = std::iter::once(ROOT).chain(ROOT + 1 + self.rigid()..self.mesh_node()).collect();
+            let bind = float_rows(joints.iter().map(|&node| inverse_bind(&self.encoded.skin.pivots[node - ROOT])));
+            let bind = buffer.view(bind, Target::Other);
+            let bind = buffer.accessor(bind, 0, component::F32, joints.len(), "MAT4", json!({}));
             document["skins"] = json!([{ "inverseBindMatrices": bind, "skeleton": ROOT, "joints": joints }]);
         }
         if self.precision == Precision::Compact {
@@ -93,65 +94,73 @@ impl Content<'_> {
     }
 
     fn is_skinned(&self) -> bool {
-        self.encoded.skin.nodes() > 1 && self.encoded.parts.is_none()
+        self.encoded.joints() > 0
     }
 
-    /// One mesh, or one per rigid part.
+    /// Number of rigid parts.
+    fn rigid(&self) -> usize {
+        self.encoded.rigid_parts()
+    }
+
+    /// Whether there is a mesh besides the rigid parts.
+    fn has_rest(&self) -> bool {
+        self.is_skinned() || self.rigid() == 0
+    }
+
+    /// One mesh per rigid part, and one of the rest.
     fn meshes(&self, primitives: Vec<Value>) -> Vec<Value> {
-        if self.encoded.parts.is_none() {
-            let mut mesh = json!({ "name": self.name, "primitives": primitives });
+        let of_part = |k: usize| -> Vec<&Value> {
+            let pairs = self.geometry.primitives.iter().zip(&primitives);
+            pairs.filter(|(p, _)| usize::from(p.part) == k).map(|(_, value)| value).collect()
+        };
+        let rigid = self.rigid();
+        let mut meshes: Vec<Value> =
+            (0..rigid).map(|k| json!({ "name": self.node_names[k + 1], "primitives": of_part(k) })).collect();
+        if self.has_rest() {
+            let mut mesh = json!({ "name": self.name, "primitives": of_part(rigid) });
             let targets = &self.encoded.morphs.targets;
             if !targets.is_empty() {
                 mesh["weights"] = json!(vec![0; targets.len()]);
                 mesh["extras"] = json!({ "targetNames": morphs::names(&self.encoded.morphs) });
             }
-            return vec![mesh];
+            meshes.push(mesh);
         }
-        let of_part = |k: usize| -> Vec<&Value> {
-            let pairs = self.geometry.primitives.iter().zip(&primitives);
-            pairs.filter(|(p, _)| usize::from(p.part) + 1 == k).map(|(_, value)| value).collect()
-        };
-        (1..self.encoded.skin.nodes()).map(|k| json!({ "name": self.joint_names[k], "primitives": of_part(k) })).collect()
+        meshes
     }
 
-    /// Index of the node of the mesh: after the joints.
+    /// Index of the node of the mesh that is no rigid part: after the parts and the joints.
     fn mesh_node(&self) -> usize {
         ROOT + self.encoded.skin.nodes()
     }
 
     fn nodes(&self) -> Vec<Value> {
-        let skin = &self.encoded.skin;
+        let (skin, rigid) = (&self.encoded.skin, self.rigid());
         let mut rig = json!({ "name": "rig", "children": [ROOT] });
         if self.offset != DVec3::ZERO {
             rig["translation"] = json!(self.offset.to_array());
         }
         let mut nodes = vec![rig];
         for (k, translation) in skin.rest_translations.iter().enumerate() {
-            let mut node = json!({ "name": self.joint_names[k], "translation": numbers(translation) });
-            if let (Some(_), Some(mesh)) = (&self.encoded.parts, k.checked_sub(1)) {
-                node["mesh"] = json!(mesh);
+            let mut node = json!({ "name": self.node_names[k], "translation": numbers(translation) });
+            if (1..=rigid).contains(&k) {
+                node["mesh"] = json!(k - 1);
             }
             if k == 0 {
-                let first = if self.is_skinned() || self.encoded.parts.is_some() {
-                    ROOT + 1..self.mesh_node()
-                } else {
-                    self.mesh_node()..self.mesh_node() + 1
-                };
-                node["children"] = json!(first.collect::<Vec<_>>());
+                let last = self.mesh_node() + usize::from(self.has_rest() && !self.is_skinned());
+                node["children"] = json!((ROOT + 1..last).collect::<Vec<_>>());
             }
             nodes.push(node);
         }
-        if self.encoded.parts.is_some() {
-            return nodes;
+        if self.has_rest() {
+            let mut mesh = json!({ "name": self.name, "mesh": rigid });
+            if self.is_skinned() {
+                // Outside the tree of joints, at the top: a player ignores the place of a skinned mesh.
+                mesh["skin"] = json!(0);
+            } else {
+                mesh["translation"] = numbers(&skin.pivots[0].map(|x| 0.0 - x));
+            }
+            nodes.push(mesh);
         }
-        let mut mesh = json!({ "name": self.name, "mesh": 0 });
-        if self.is_skinned() {
-            // Outside the tree of joints, at the top: a player ignores the place of a skinned mesh.
-            mesh["skin"] = json!(0);
-        } else {
-            mesh["translation"] = numbers(&skin.pivots[0].map(|x| 0.0 - x));
-        }
-        nodes.push(mesh);
         nodes
     }
 
@@ -181,20 +190,21 @@ impl Content<'_> {
         let mut values = Vec::new();
         for (k, p) in self.geometry.primitives.iter().enumerate() {
             let mut attributes = json!({});
-            for stream in streams.iter().chain(uvs.iter().filter(|_| p.textured)) {
+            let usable = |stream: &&Stream| stream.first <= p.vertices.start;
+            for stream in streams.iter().filter(usable).chain(uvs.iter().filter(|_| p.textured)) {
                 let more = match stream.name {
                     "POSITION" => bounds(positions[p.vertices.clone()].iter().copied()),
                     _ if stream.normalized => json!({ "normalized": true }),
                     _ => json!({}),
                 };
-                let offset = p.vertices.start * stream.size;
+                let offset = (p.vertices.start - stream.first) * stream.size;
                 attributes[stream.name] =
                     json!(buffer.accessor(stream.view, offset, stream.component, p.vertices.len(), stream.kind, more));
             }
             let (view, component, count) = indices[k];
             let indices = buffer.accessor(view, 0, component, count, "SCALAR", json!({}));
             let mut value = json!({ "attributes": attributes, "indices": indices, "material": k, "mode": 4 });
-            if !self.encoded.morphs.targets.is_empty() {
+            if !self.encoded.morphs.targets.is_empty() && !self.is_rigid(p) {
                 value["targets"] = json!(morphs::targets(&self.encoded.morphs, self.geometry, p, self.places, buffer));
             }
             values.push(value);
@@ -204,11 +214,15 @@ impl Content<'_> {
 
     /// Where the vertices of a primitive are at rest: in the file, or from the pivot of their rigid part.
     fn positions(&self, primitive: &Primitive) -> impl Iterator<Item = [f32; 3]> {
-        let part = self.encoded.parts.as_ref().map(|_| usize::from(primitive.part) + 1);
+        let part = self.is_rigid(primitive).then(|| usize::from(primitive.part) + 1);
         let pivot = part.map_or([0.0; 3], |k| self.encoded.skin.pivots[k].map(f64::from));
         let of = |&g: &u32| self.encoded.rest[self.places[g as usize] as usize];
         let from = move |p: [f32; 3]| std::array::from_fn(|k| (f64::from(p[k]) - pivot[k]) as f32);
         self.geometry.vertices[primitive.vertices.clone()].iter().map(of).map(from)
+    }
+
+    fn is_rigid(&self, primitive: &Primitive) -> bool {
+        usize::from(primitive.part) < self.rigid()
     }
 
     fn normals(&self, buffer: &mut Buffer) -> Stream {
@@ -223,22 +237,24 @@ impl Content<'_> {
         }
     }
 
-    /// Joints and weights.
+    /// Joints and weights of what bends, which comes after the rigid parts.
     fn hooks(&self, buffer: &mut Buffer) -> [Stream; 2] {
-        let skin = &self.encoded.skin;
+        let (skin, rigid) = (&self.encoded.skin, self.rigid() as u16);
+        let first = self.geometry.primitives.iter().filter(|p| self.is_rigid(p)).map(|p| p.vertices.end).max().unwrap_or(0);
         let of = |g: &u32| self.places[*g as usize] as usize;
-        let rows = |values: &[[u16; 4]], narrow: bool| -> Vec<u8> {
-            let values = self.geometry.vertices.iter().flat_map(|g| values[of(g)]);
+        let rows = |narrow: bool, values: &dyn Fn(usize) -> [u16; 4]| -> Vec<u8> {
+            let values = self.geometry.vertices[first..].iter().flat_map(|g| values(of(g)));
             if narrow { values.map(|x| x as u8).collect() } else { values.flat_map(u16::to_le_bytes).collect() }
         };
         let width = |narrow: bool| if narrow { (component::U8, 4) } else { (component::U16, 8) };
-        let few = skin.nodes() <= 256;
+        let few = self.encoded.joints() < 256;
         let (kind, size) = width(few);
-        let joints = Stream::new("JOINTS_0", kind, "VEC4", size, rows(&skin.joints, few), buffer);
+        let joint = |i: usize| skin.joints[i].map(|node| node.saturating_sub(rigid));
+        let joints = Stream::new("JOINTS_0", kind, "VEC4", size, rows(few, &joint), buffer);
         let coarse = skin.levels == 255;
         let (kind, size) = width(coarse);
-        let weights = Stream::new("WEIGHTS_0", kind, "VEC4", size, rows(&skin.weights, coarse), buffer);
-        [joints, weights.normalized()]
+        let weights = Stream::new("WEIGHTS_0", kind, "VEC4", size, rows(coarse, &|i| skin.weights[i]), buffer);
+        [joints, weights.normalized()].map(|stream| Stream { first, ..stream })
     }
 
     fn index_view(&self, primitive: &Primitive, buffer: &mut Buffer) -> (usize, u32, usize) {
@@ -295,7 +311,7 @@ impl Content<'_> {
     }
 }
 
-/// One attribute of all vertices.
+/// One attribute of all vertices, or of those from one on.
 struct Stream {
     name: &'static str,
     view: usize,
@@ -304,11 +320,13 @@ struct Stream {
     /// Bytes of a vertex.
     size: usize,
     normalized: bool,
+    /// The vertex that it begins with.
+    first: usize,
 }
 
 impl Stream {
     fn new(name: &'static str, component: u32, kind: &'static str, size: usize, bytes: Vec<u8>, buffer: &mut Buffer) -> Self {
-        Self { name, view: buffer.view(bytes, Target::Attributes(size)), component, kind, size, normalized: false }
+        Self { name, view: buffer.view(bytes, Target::Attributes(size)), component, kind, size, normalized: false, first: 0 }
     }
 
     /// Integers that stand for −1 to 1 or 0 to 1.

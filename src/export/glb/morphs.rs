@@ -20,16 +20,18 @@ pub(super) fn targets(
     let target = |target: &Target| {
         let offsets = vertices.iter().map(|&v| target.offset(places[v as usize]));
         let bounds = bounds(offsets.clone());
-        let moved: Vec<(u32, [f32; 3])> = (0u32..).zip(offsets.clone()).filter(|(_, o)| *o != [0.0; 3]).collect();
+        let mut moved: Vec<(u32, [f32; 3])> = (0u32..).zip(offsets.clone()).filter(|(_, o)| *o != [0.0; 3]).collect();
+        if moved.is_empty() {
+            // By the format an accessor may have no values at all, but not every reader takes that.
+            moved.push((0, [0.0; 3]));
+        }
         let position = if moved.len() as f64 > SPARSE * vertices.len() as f64 {
             let view = buffer.view(float_rows(offsets), Use::Attributes(12));
             buffer.accessor(view, 0, component::F32, vertices.len(), "VEC3", bounds)
         } else {
-            let indices = (!moved.is_empty()).then(|| {
-                let bytes = moved.iter().flat_map(|(v, _)| v.to_le_bytes()).collect();
-                (buffer.view(bytes, Use::Other), buffer.view(float_rows(moved.iter().map(|(_, o)| *o)), Use::Other))
-            });
-            buffer.sparse(indices, moved.len(), vertices.len(), bounds)
+            let indices = buffer.view(moved.iter().flat_map(|(v, _)| v.to_le_bytes()).collect(), Use::Other);
+            let values = buffer.view(float_rows(moved.iter().map(|(_, o)| *o)), Use::Other);
+            buffer.sparse((indices, values), moved.len(), vertices.len(), bounds)
         };
         json!({ "POSITION": position })
     };

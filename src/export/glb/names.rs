@@ -1,53 +1,64 @@
 //! Names of joints and of rigid parts.
 
-use crate::export::encode::Encoded;
+use crate::export::encode::{Encoded, Parts};
 use crate::scan::{NONE, Scan};
 use glam::DVec3;
 use std::collections::BTreeSet;
 
-/// `root`, then `<place>_<nn>` after the place that most of a joint's weight is nearest to, numbered along each place; all different.
-pub(crate) fn joint_names(encoded: &Encoded, proxy_rest: &[DVec3], places: &[(String, DVec3)]) -> Vec<String> {
-    let joints = encoded.skin.nodes() - 1;
-    let mut shares = vec![vec![0.0; places.len()]; joints];
+/// `root`, then the rigid parts, then the joints; all different. `vertices`: place in the skin of each scan vertex; `places`: with names, in the unit box.
+pub(crate) fn node_names(
+    encoded: &Encoded,
+    scan: &Scan,
+    vertices: &[u32],
+    proxy_rest: &[DVec3],
+    places: &[(String, DVec3)],
+) -> Vec<String> {
+    let mut taken = BTreeSet::from(["root".to_owned(), "rig".to_owned()]);
+    let mut names = vec!["root".to_owned()];
+    if let Some(Parts { rigid, of_vertex }) = &encoded.parts {
+        names.extend(part_names(scan, *rigid, |v| of_vertex[vertices[v as usize] as usize].into(), &mut taken));
+    }
+    names.extend(joint_names(encoded, proxy_rest, places, &mut taken));
+    names
+}
+
+/// `<place>_<nn>` after the place that most of a joint's weight is nearest to, numbered along each place.
+fn joint_names(encoded: &Encoded, proxy_rest: &[DVec3], places: &[(String, DVec3)], taken: &mut BTreeSet<String>) -> Vec<String> {
+    let mut shares = vec![vec![0.0; places.len()]; encoded.joints()];
     for (vertex, influences) in &encoded.proxy_influences {
         let Some(near) = nearest(proxy_rest[*vertex as usize], places) else { break };
         for (k, w) in influences.iter() {
             shares[k][near] += w;
         }
     }
-    let mut names = vec!["root".to_owned()];
-    let mut taken = BTreeSet::from(["root".to_owned(), "rig".to_owned()]);
-    for share in shares {
+    let name = |share: Vec<f64>| {
         let heaviest = (0..places.len()).fold(None, |best: Option<usize>, p| match best {
             Some(b) if share[b] >= share[p] => best,
             _ => Some(p),
         });
         let part = heaviest.map_or("joint", |p| places[p].0.as_str());
-        let part = if part.is_empty() { "joint" } else { part };
-        names.push(numbered(part, &mut taken));
-    }
-    names
+        numbered(if part.is_empty() { "joint" } else { part }, taken)
+    };
+    shares.into_iter().map(name).collect()
 }
 
-/// `root`, then the name of each part's first group, or `part_<nn>`; all different. `part` tells that of a scan vertex.
-pub(crate) fn part_names(scan: &Scan, parts: usize, part: impl Fn(u32) -> u16) -> Vec<String> {
+/// The name of each rigid part's first group, or `part_<nn>`. `part` tells that of a scan vertex; others are past the last.
+fn part_names(scan: &Scan, parts: usize, part: impl Fn(u32) -> usize, taken: &mut BTreeSet<String>) -> Vec<String> {
     let mut of_part = vec![None; parts];
     for (face, corners) in scan.mesh.faces.iter().enumerate() {
         let group = scan.look.face_groups.get(face).filter(|g| **g != NONE).and_then(|&g| scan.look.groups.get(g as usize));
         let name = group.and_then(|g| g.group.as_ref().or(g.object.as_ref())).filter(|n| !n.is_empty());
-        if let (Some(name), Some(&v)) = (name, corners.first().filter(|_| corners.len() > 2)) {
-            of_part[part(v) as usize].get_or_insert(name);
+        if let (Some(name), Some(&v)) = (name, corners.first().filter(|_| corners.len() > 2))
+            && let Some(of_part) = of_part.get_mut(part(v))
+        {
+            of_part.get_or_insert(name);
         }
     }
-    let mut taken = BTreeSet::from(["root".to_owned(), "rig".to_owned()]);
-    let mut names = vec!["root".to_owned()];
-    for name in of_part {
-        names.push(match name {
-            Some(name) if taken.insert(name.clone()) => name.clone(),
-            name => numbered(name.map_or("part", |n| n), &mut taken),
-        });
-    }
-    names
+    let name = |name: Option<&String>| match name {
+        Some(name) if taken.insert(name.clone()) => name.clone(),
+        name => numbered(name.map_or("part", |n| n), taken),
+    };
+    of_part.into_iter().map(name).collect()
 }
 
 /// `<stem>_<nn>` with the first number that is free.

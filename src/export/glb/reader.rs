@@ -82,7 +82,7 @@ impl Read {
 
     /// All vertices with the nodes and weights of the file itself.
     pub(super) fn at_rest(&self) -> Vec<DVec3> {
-        let weights = self.document.meshes().next().unwrap().weights().map_or(Vec::new(), <[f32]>::to_vec);
+        let weights = self.document.meshes().last().unwrap().weights().map_or(Vec::new(), <[f32]>::to_vec);
         assert!(weights.iter().all(|&w| w == 0.0));
         self.posed(&self.resting(), &weights)
     }
@@ -115,7 +115,7 @@ impl Read {
         posed.iter().zip(&used).map(distance).fold(0.0, f64::max)
     }
 
-    /// The rigid part of each of the scan's vertices, found by where it is at rest; empty where the file has one mesh.
+    /// The mesh of each of the scan's vertices, found by where it is at rest; empty where the file has one.
     fn parts_by_vertex(&self, header: &Header) -> Vec<u16> {
         if self.document.meshes().count() == 1 {
             return Vec::new();
@@ -150,16 +150,19 @@ impl Read {
             };
             skin.joints().zip(bind).map(matrix).collect()
         });
+        let has_skin = |mesh: usize| self.document.nodes().nth(node_of_mesh[mesh]).unwrap().skin().is_some();
         let mut posed = Vec::new();
         for (mesh, primitive) in self.document.meshes().flat_map(|m| m.primitives().map(|p| (m.index(), p)).collect::<Vec<_>>()) {
             let reader = primitive.reader(|_| Some(&self.blob));
             let mut positions: Vec<DVec3> = reader.read_positions().unwrap().map(wide).collect();
             let targets: Vec<_> = reader.read_morph_targets().collect();
-            assert_eq!(targets.len(), weights.len());
+            let last = mesh + 1 == node_of_mesh.len();
+            assert_eq!(targets.len(), if last { weights.len() } else { 0 }, "rigid parts have no targets");
             for ((offsets, _, _), &w) in targets.into_iter().zip(weights) {
                 positions.iter_mut().zip(offsets.unwrap()).for_each(|(p, o)| *p += wide(o) * f64::from(w));
             }
-            let Some(matrices) = &matrices else {
+            let Some(matrices) = matrices.as_ref().filter(|_| has_skin(mesh)) else {
+                assert!(reader.read_joints(0).is_none());
                 posed.extend(positions.iter().map(|p| world[node_of_mesh[mesh]].transform_point3(*p)));
                 continue;
             };

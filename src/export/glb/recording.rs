@@ -127,13 +127,10 @@ impl Recording {
         let points: Vec<[f32; 3]> = rest.iter().map(|p| p.as_vec3().to_array()).collect();
         normal_vertices.compute(scan, &points, &mut normals);
         let geometry = match &encoded.parts {
-            Some(parts) => Geometry::of_parts(scan, &normal_vertices, |v| parts[places[v as usize] as usize]),
+            Some(parts) => Geometry::of_parts(scan, &normal_vertices, |v| parts.of_vertex[places[v as usize] as usize]),
             None => geometry,
         };
-        let joint_names = match &encoded.parts {
-            Some(parts) => names::part_names(scan, encoded.skin.nodes() - 1, |v| parts[places[v as usize] as usize]),
-            None => names::joint_names(&encoded, &header.proxy.rest, &header.places),
-        };
+        let node_names = names::node_names(&encoded, scan, &places, &header.proxy.rest, &header.places);
         let stem = |p: &Path| p.file_stem().map(|s| s.to_string_lossy().into_owned()).filter(|s| !s.is_empty());
         let content = Content {
             scan,
@@ -141,7 +138,7 @@ impl Recording {
             normals: &normals,
             encoded: &encoded,
             places: &places,
-            joint_names: &joint_names,
+            node_names: &node_names,
             offset,
             rate: header.rate,
             name: &stem(&scan.source).unwrap_or_else(|| "scan".to_owned()),
@@ -189,16 +186,13 @@ impl Recording {
     }
 }
 
-/// `skin, 64 joints`, `skin, 64 joints, 3 morphs`, `40 morphs`, `5 rigid parts`.
+/// `skin, 64 joints`, `skin, 64 joints, 3 morphs`, `40 morphs`, `5 rigid parts`, `5 rigid parts, skin, 8 joints`.
 fn described(encoded: &Encoded) -> String {
-    let joints = encoded.skin.nodes() - 1;
-    if encoded.parts.is_some() {
-        return format!("{joints} rigid parts");
-    }
+    let (rigid, joints, targets) = (encoded.rigid_parts(), encoded.joints(), encoded.morphs.targets.len());
+    let parts = (rigid > 0).then(|| words::plural(rigid, "rigid part"));
     let skin = (joints > 0).then(|| format!("skin, {joints} joints"));
-    let targets = encoded.morphs.targets.len();
-    let morphs = (targets > 0 || joints == 0).then(|| format!("{targets} morphs"));
-    skin.into_iter().chain(morphs).collect::<Vec<_>>().join(", ")
+    let morphs = (targets > 0 || joints + rigid == 0).then(|| format!("{targets} morphs"));
+    parts.into_iter().chain(skin).chain(morphs).collect::<Vec<_>>().join(", ")
 }
 
 /// Coordinates of the file, and where they begin in the scan's.

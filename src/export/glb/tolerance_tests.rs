@@ -114,8 +114,8 @@ fn between_keys_the_file_stays_near() {
     }
 }
 
-/// Both ends of the bar without its middle, in two groups.
-fn two_pieces() -> Arc<Header> {
+/// Both ends of the bar, up to and from some places along it, in two groups.
+fn two_pieces(left: f64, right: f64) -> Arc<Header> {
     let mut header = header(DVec3::ZERO);
     let own = Arc::get_mut(&mut header).unwrap();
     let scan = Arc::make_mut(&mut own.scan);
@@ -126,7 +126,7 @@ fn two_pieces() -> Arc<Header> {
         .map(|face| {
             let x = face.iter().map(|&v| scan.mesh.positions[v as usize].x);
             let (low, high) = x.fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(x), h.max(x)));
-            (high < 0.8).then_some(0).or((low > 2.2).then_some(1))
+            (high < left).then_some(0).or((low > right).then_some(1))
         })
         .collect();
     let kept = |values: &[u32], each: usize| -> Vec<u32> {
@@ -147,7 +147,7 @@ fn two_pieces() -> Arc<Header> {
 fn rigid_parts_leave_as_nodes_with_tracks_of_their_own() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("out.glb");
-    let header = two_pieces();
+    let header = two_pieces(0.8, 2.2);
     // The halves turn about different axes.
     let turning = |f: usize| -> Vec<DVec3> {
         let angle = f as f64 * 0.1;
@@ -168,7 +168,7 @@ fn rigid_parts_leave_as_nodes_with_tracks_of_their_own() {
     let (worst, _) = worst_of(&header, &path, turning);
     assert!(worst <= 1e-4 * header.unit_box.diagonal, "{worst}");
     assert!((worst - written.max_error).abs() < 1e-6 * header.unit_box.diagonal);
-    // One that bends is a skin, and so is one that is asked for.
+    // Pieces that both bend are a skin, and so is one that is asked for.
     let bent = encode_as(&header, &path, Options::default(), |f| pose(&header, f)).unwrap();
     assert!(bent.encoding.starts_with("skin, "), "{}", bent.encoding);
     let asked = encode_as(&header, &path, options(0.25, Encode::Skin), turning).unwrap();
@@ -176,6 +176,99 @@ fn rigid_parts_leave_as_nodes_with_tracks_of_their_own() {
     // Pieces that move alike are one part, and one part is no reason to do without a skin.
     let whole = |f: usize| header.proxy.rest.iter().map(|&p| glam::DQuat::from_rotation_z(0.1 * f as f64) * p).collect();
     assert_eq!(encode_as(&header, &path, Options::default(), whole).unwrap().encoding, "skin, 1 joints");
+}
+
+/// The left half turns, the right one does what the whole bar does elsewhere.
+fn half_bent(header: &Header, f: usize) -> Vec<DVec3> {
+    let turn = glam::DQuat::from_rotation_z(f as f64 * 0.1);
+    let bent = pose(header, f);
+    header.proxy.rest.iter().zip(bent).map(|(p, bent)| if p.x < 0.0 { turn * *p } else { bent }).collect()
+}
+
+#[test]
+fn what_bends_is_a_skin_beside_the_nodes_of_rigid_parts() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("out.glb");
+    for shift in [DVec3::ZERO, DVec3::new(3e6, -2e6, 5e5)] {
+        let mut header = two_pieces(0.8, 2.2);
+        let own = Arc::get_mut(&mut header).unwrap();
+        own.unit_box.centre += shift;
+        Arc::make_mut(&mut own.scan).mesh.positions.iter_mut().for_each(|p| *p += shift);
+        let written = encode_as(&header, &path, Options::default(), |f| half_bent(&header, f)).unwrap();
+        let read = Read::open(&path);
+        let joints = read.document.skins().next().unwrap().joints().count() - 1;
+        assert_eq!(written.encoding, format!("1 rigid part, skin, {joints} joints"));
+        let names: Vec<&str> = read.document.nodes().map(|n| n.name().unwrap()).collect();
+        assert_eq!(names[..3], ["rig", "root", "lid"]);
+        assert!(names[3..3 + joints].iter().all(|name| name.starts_with("right_")), "{names:?}");
+        assert_eq!(names[3 + joints..], ["bar"]);
+        let (worst, _) = worst_of(&header, &path, |f| half_bent(&header, f));
+        assert!((worst - written.max_error).abs() < 1e-6 * header.unit_box.diagonal, "{worst} {}", written.max_error);
+        assert!(worst <= 0.0025 * header.unit_box.diagonal);
+    }
+    let lone = two_pieces(0.8, 2.2);
+    let rigid = |f: usize| -> Vec<DVec3> {
+        let pose = half_bent(&lone, f);
+        pose.iter().zip(&lone.proxy.rest).map(|(q, p)| if p.x < 0.0 { *q } else { *p }).collect()
+    };
+    assert_eq!(encode_as(&lone, &path, Options::default(), rigid).unwrap().encoding, "2 rigid parts");
+}
+
+#[test]
+fn a_skin_beside_rigid_parts_is_corrected_by_morph_targets_of_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("out.glb");
+    let header = two_pieces(0.8, 2.2);
+    // In one frame every vertex of what bends is somewhere else, which no joint can do.
+    let torn = |f: usize| -> Vec<DVec3> {
+        let off = |i: usize| DVec3::Y * (0.02 * (37.0 * i as f64).sin());
+        let pose = half_bent(&header, f).into_iter().zip(&header.proxy.rest).enumerate();
+        pose.map(|(i, (q, p))| if f == 12 && p.x > 0.0 { q + off(i) } else { q }).collect()
+    };
+    let written = encode_as(&header, &path, Options::default(), torn).unwrap();
+    assert!(
+        written.encoding.starts_with("1 rigid part, skin, ") && written.encoding.ends_with(" morphs"),
+        "{}",
+        written.encoding
+    );
+    let (worst, _) = worst_of(&header, &path, torn);
+    assert!(worst <= 0.0025 * header.unit_box.diagonal, "{worst}");
+    assert!((worst - written.max_error).abs() < 1e-6 * header.unit_box.diagonal, "{worst} {}", written.max_error);
+}
+
+#[test]
+fn a_part_that_bends_in_one_frame_is_no_rigid_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("out.glb");
+    let header = two_pieces(0.8, 2.2);
+    for bent in 8..14 {
+        let turning = |f: usize| -> Vec<DVec3> {
+            let turn = glam::DQuat::from_rotation_z(f as f64 * 0.1);
+            let place = |p: &DVec3| match p.x < 0.0 {
+                true if f == bent => turn * (*p + DVec3::Y * (0.02 * p.x * p.x)),
+                true => turn * *p,
+                false => glam::DQuat::from_rotation_y(-0.2 * f as f64) * *p,
+            };
+            header.proxy.rest.iter().map(place).collect()
+        };
+        let written = encode_as(&header, &path, Options::default(), turning).unwrap();
+        assert!(written.encoding.starts_with("1 rigid part, skin, "), "{bent}: {}", written.encoding);
+        assert!(worst_of(&header, &path, turning).0 <= 0.0025 * header.unit_box.diagonal);
+    }
+}
+
+#[test]
+fn a_crumb_beside_a_large_piece_that_bends_is_in_its_skin() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("out.glb");
+    let header = two_pieces(0.05, 0.8);
+    let crumb = header.unit_box.enter(DVec3::X * 0.6).x;
+    let still = |f: usize| -> Vec<DVec3> {
+        let bent = pose(&header, f);
+        header.proxy.rest.iter().zip(bent).map(|(p, bent)| if p.x < crumb { *p } else { bent }).collect()
+    };
+    let written = encode_as(&header, &path, Options::default(), still).unwrap();
+    assert!(written.encoding.starts_with("skin, "), "{}", written.encoding);
 }
 
 #[test]

@@ -20,29 +20,28 @@ class Model {
     this.json = JSON.parse(new TextDecoder().decode(bytes.subarray(20, 20 + length)));
     this.bin = bytes.slice(28 + length);
     const { nodes, meshes, skins } = this.json;
-    const first = nodes.findIndex((n) => n.mesh === 0);
-    if (skins) {
-      this.joints = skins[0].joints;
-      const inverse = this.array(skins[0].inverseBindMatrices);
-      // Columns of 4 × 4 to rows of 3 × 4.
-      this.inverse = this.joints.map((_, j) => Array.from({ length: 12 }, (_, i) => inverse[16 * j + 4 * (i % 4) + (i >> 2)]));
-    } else {
-      // A mesh hangs on its node as on a single joint. The first node holds all others.
-      this.joints = nodes.map((_, n) => n).slice(1);
-      this.inverse = this.joints.map(() => rigid([0, 0, 0, 1], [0, 0, 0]));
-    }
+    const shows = (mesh) => nodes.findIndex((n) => n.mesh === mesh);
+    // Only what is no rigid part has morph targets: the last mesh.
+    const last = shows(meshes.length - 1);
+    const [skin] = skins || [{ joints: [1] }];
+    // A mesh without a skin hangs on its node as on a single joint. The first node holds all others.
+    this.joints = [...skin.joints, ...nodes.keys()].filter((n, k, all) => n > 0 && nodes[n].skin === undefined && all.indexOf(n) === k);
+    const inverse = skins && this.array(skin.inverseBindMatrices);
+    // Columns of 4 × 4 to rows of 3 × 4.
+    const bound = (j) => Array.from({ length: 12 }, (_, i) => inverse[16 * j + 4 * (i % 4) + (i >> 2)]);
+    this.inverse = this.joints.map((_, j) => (skins && j < skin.joints.length ? bound(j) : rigid([0, 0, 0, 1], [0, 0, 0])));
     /** All primitives, with the joint that they hang on where there is no skin. */
-    this.primitives = meshes.flatMap((mesh, k) => mesh.primitives.map((p) => ({ ...p, joint: skins ? 0 : this.joints.indexOf(nodes.findIndex((n) => n.mesh === k)) })));
-    this.targets = (meshes[0].weights || []).length;
+    this.primitives = meshes.flatMap((mesh, k) => mesh.primitives.map((p) => ({ ...p, joint: Math.max(this.joints.indexOf(shows(k)), 0) })));
+    this.targets = (meshes[meshes.length - 1].weights || []).length;
     this.amounts = new Float32Array(Math.max(this.targets, 1));
     this.parent = new Map();
     this.joints.forEach((n) => (nodes[n].children || []).forEach((c) => this.parent.set(c, n)));
-    this.tracks = new Map([...this.joints, first].map((n) => [n, {}]));
+    this.tracks = new Map([...this.joints, last].map((n) => [n, {}]));
     const animation = this.json.animations[0];
     for (const { sampler, target } of animation.channels) {
       this.tracks.get(target.node)[target.path] = this.array(animation.samplers[sampler].output);
     }
-    this.weights = this.tracks.get(first).weights;
+    this.weights = this.tracks.get(last).weights;
     this.rows = new Float32Array(12 * this.joints.length);
     this.morphs();
   }

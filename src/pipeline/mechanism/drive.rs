@@ -119,6 +119,8 @@ pub struct Puppeteer<'a> {
     stand: Stand,
     /// Length of the bone to each drive, on the machine.
     bones: Vec<f64>,
+    /// Of hips on the same part as the pelvis: the drive that turns it.
+    turned_by: Vec<Option<usize>>,
     /// Where the roots are in the first frame, flat, and their height over the floor there.
     start: Option<DVec3>,
     /// Height of the actor's ankles when they stand, in the unit box, and that of the machine's.
@@ -147,6 +149,12 @@ impl<'a> Puppeteer<'a> {
     ) -> Self {
         let place = |d: usize| drives[d].spot.1;
         let bones = drives.iter().map(|d| d.parent.map_or(0.0, |p| d.spot.1.distance(place(p)))).collect();
+        let turned_by = |d: &Drive| {
+            let root = d.parent.filter(|p| drives[*p].parent.is_none() && drives[*p].spot.0 == d.spot.0)?;
+            person.legs.iter().find(|leg| leg[0] == d.joint)?;
+            drives.iter().position(|t| t.turns && t.joint == drives[root].joint && t.spot.0 == d.spot.0)
+        };
+        let turned_by = drives.iter().map(|d| turned_by(d).filter(|_| !d.turns)).collect();
         let feet = Foot::all(&joints, drives, &stand, person, frames);
         // The lower ankle comes to the height at which the machine has it at rest.
         let levels = feet.iter().map(Foot::levels).reduce(|a, b| (a.0.min(b.0), a.1.min(b.1)));
@@ -157,6 +165,7 @@ impl<'a> Puppeteer<'a> {
             drives,
             stand,
             bones,
+            turned_by,
             start: None,
             level,
             lift,
@@ -173,13 +182,22 @@ impl<'a> Puppeteer<'a> {
     pub fn frame(&mut self, frame: usize, out: &mut Vec<DVec3>) {
         let Stand { axes, scale, up, .. } = self.stand;
         let place = |joint: usize| self.joints.place(Some(frame), joint).map(|p| axes * p);
+        let turn = |joint: usize| self.joints.turn(frame, joint).map(|q| axes * q * axes.inverse());
         for (k, drive) in self.drives.iter().enumerate() {
-            let here = place(drive.joint);
-            self.own[k] = here.unwrap_or(DVec3::NAN);
+            self.own[k] = place(drive.joint).unwrap_or(DVec3::NAN);
+        }
+        // From the pelvis to a hip, as the machine's are turned.
+        let turned = |k: usize| {
+            let drive = &self.drives[k];
+            let bone = drive.spot.1 - self.drives[drive.parent?].spot.1;
+            turn(self.drives[self.turned_by[k]?].joint).map(|turn| turn * bone)
+        };
+        for (k, drive) in self.drives.iter().enumerate() {
             if drive.turns {
                 continue;
             }
             self.targets[k] = match drive.parent {
+                Some(parent) if turned(k).is_some() => self.targets[parent] + turned(k).unwrap_or_default(),
                 Some(parent) => {
                     let mut bone = self.own[k] - self.own[parent];
                     if let (Some(steeper), Some(above)) =
@@ -193,7 +211,12 @@ impl<'a> Puppeteer<'a> {
                 }
                 None => {
                     let at = self.own[k] * scale;
-                    let height = at.dot(up) - self.level + self.lift;
+                    // A pelvis is as high over its hips as the machine's, not as the actor's.
+                    let hips = (0..self.drives.len()).filter(|&h| self.drives[h].parent == Some(k));
+                    let over = hips.filter_map(|h| Some((self.own[h] * scale - turned(h)?).dot(up))).filter(|h| h.is_finite());
+                    let (sum, count) = over.fold((0.0, 0), |(sum, n), h| (sum + h, n + 1));
+                    let high = if count > 0 { sum / f64::from(count) } else { at.dot(up) };
+                    let height = high - self.level + self.lift;
                     let flat = at - up * at.dot(up);
                     if self.start.is_none() && flat.is_finite() {
                         let home = drive.spot.1;
@@ -211,7 +234,7 @@ impl<'a> Puppeteer<'a> {
         out.clear();
         for (k, drive) in self.drives.iter().enumerate() {
             if drive.turns {
-                let turn = self.joints.turn(frame, drive.joint).map(|q| axes * q * axes.inverse());
+                let turn = turn(drive.joint);
                 out.extend(DVec3::AXES.map(|e| turn.map_or(DVec3::NAN, |q| q * e * ARM)));
             } else {
                 out.push(self.targets[k]);

@@ -2,6 +2,7 @@
 
 pub mod drive;
 pub mod feet;
+pub mod floor;
 pub mod machine;
 pub mod robot;
 
