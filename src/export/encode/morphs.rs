@@ -124,6 +124,18 @@ mod tests {
     use super::*;
 
     #[test]
+    fn targets_of_some_vertices_keep_to_them_among_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let dense = Target::Dense(vec![[1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [3.0, 0.0, 0.0]]);
+        let sparse = Target::Sparse(vec![0, 2], vec![[4.0, 0.0, 0.0], [5.0, 0.0, 0.0]]);
+        let own = Morphs::none(1).with(vec![sparse, dense], folder.path(), |_| vec![0.5, 1.0]).unwrap();
+        let moved = own.of_places(&[1, 4, 6]);
+        assert_eq!(moved.targets[0], Target::Sparse(vec![1, 6], vec![[4.0, 0.0, 0.0], [5.0, 0.0, 0.0]]));
+        let x: Vec<f64> = moved.apply(0, &[[0.0; 3]; 7]).unwrap().unwrap().iter().map(|p| p.x).collect();
+        assert_eq!(x, [0.0, 3.0, 0.0, 0.0, 2.0, 0.0, 5.5]);
+    }
+
+    #[test]
     fn targets_add_up_by_their_weights() {
         let folder = tempfile::tempdir().unwrap();
         let dense = Target::Dense(vec![[1.0, 0.0, 0.0], [0.0, 2.0, 0.0]]);

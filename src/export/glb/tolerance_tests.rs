@@ -215,28 +215,6 @@ fn what_bends_is_a_skin_beside_the_nodes_of_rigid_parts() {
 }
 
 #[test]
-fn a_skin_beside_rigid_parts_is_corrected_by_morph_targets_of_its_own() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("out.glb");
-    let header = two_pieces(0.8, 2.2);
-    // In one frame every vertex of what bends is somewhere else, which no joint can do.
-    let torn = |f: usize| -> Vec<DVec3> {
-        let off = |i: usize| DVec3::Y * (0.02 * (37.0 * i as f64).sin());
-        let pose = half_bent(&header, f).into_iter().zip(&header.proxy.rest).enumerate();
-        pose.map(|(i, (q, p))| if f == 12 && p.x > 0.0 { q + off(i) } else { q }).collect()
-    };
-    let written = encode_as(&header, &path, Options::default(), torn).unwrap();
-    assert!(
-        written.encoding.starts_with("1 rigid part, skin, ") && written.encoding.ends_with(" morphs"),
-        "{}",
-        written.encoding
-    );
-    let (worst, _) = worst_of(&header, &path, torn);
-    assert!(worst <= 0.0025 * header.unit_box.diagonal, "{worst}");
-    assert!((worst - written.max_error).abs() < 1e-6 * header.unit_box.diagonal, "{worst} {}", written.max_error);
-}
-
-#[test]
 fn a_part_that_bends_in_one_frame_is_no_rigid_one() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("out.glb");
