@@ -21,7 +21,7 @@ const UNFINISHED: &str = ".retarget-";
 /// After this time nobody writes an unfinished entry any more.
 const ABANDONED: Duration = Duration::from_secs(24 * 3600);
 /// Counted up when what is kept changes between two versions of the program.
-const LAYOUT: u64 = 1;
+const LAYOUT: u64 = 2;
 /// Bytes of the checksum before the content.
 const CHECKSUM: usize = 32;
 

@@ -147,7 +147,9 @@ impl Joint {
         let seen = matches!(self.evidence, Evidence::Contact | Evidence::Collar) && self.samples >= ENOUGH && !self.closes_loop;
         let sure = if self.evidence == Evidence::Collar { SURE_COLLAR } else { SURE };
         // What lies flat on another part may be screwed to it, and what is round and cannot turn is round for another reason.
-        let doubtful = self.kind == Kind::Plane || self.angle.is_some_and(|(lo, hi)| hi - lo < SURE_TURN);
+        let narrow =
+            self.angle.is_some_and(|(lo, hi)| hi - lo < SURE_TURN) || self.cone.is_some_and(|cone| 2.0 * cone < SURE_TURN);
+        let doubtful = self.kind == Kind::Plane || narrow;
         seen && !doubtful && if self.kind == Kind::Fixed { self.spread < SURELY_FIXED } else { self.gap >= sure }
     }
 }

@@ -61,7 +61,11 @@ pub fn limit(joint: &mut Joint, parts: &[Part], size: f64, reach: f64) {
             let along = [trial.slide(x), trial.slide(y)];
             match [slides(along[0]), slides(along[1])] {
                 [true, true] => {}
-                [false, false] => joint.turn_about(z, if turns(trial.turn(z)) { Kind::Revolute } else { Kind::Fixed }),
+                [false, false] => {
+                    let angle = trial.turn(z);
+                    joint.turn_about(z, if turns(angle) { Kind::Revolute } else { Kind::Fixed });
+                    joint.angle = bound(angle, PI * 0.999).filter(|_| turns(angle));
+                }
                 [first, _] => {
                     joint.turn_about(if first { x } else { y }, Kind::Prismatic);
                     joint.slide = bound(along[usize::from(!first)], farthest);

@@ -15,7 +15,9 @@ pub(crate) fn symmetric<const N: usize>(mut a: [[f64; N]; N]) -> ([f64; N], [[f6
 /// The largest eigenvalue of a small symmetric matrix and its unit eigenvector.
 pub(crate) fn largest<const N: usize>(a: [[f64; N]; N]) -> (f64, [f64; N]) {
     let (values, vectors) = symmetric(a);
-    (values[N - 1], vectors[N - 1])
+    // Of equal ones the first: a turn by which nothing is told is none.
+    let first = values.iter().position(|x| *x == values[N - 1]).unwrap_or(N - 1);
+    (values[first], vectors[first])
 }
 
 /// Turns `a`, symmetric, until its squares off the diagonal are the share `left` of those on it: the diagonal holds the eigenvalues then.

@@ -16,6 +16,8 @@ const STRETCH: f64 = 3.0;
 const STRETCHED: f64 = 0.25;
 /// A surface encloses something where its volume is this share of its area to the power of 3/2 (a sphere: 0.094, a person: 0.03).
 const SOLID: f64 = 0.005;
+/// Its holes are smaller than this share of its area.
+const OPENING: f64 = 0.05;
 
 /// A pose of a scan.
 #[derive(Clone, Debug)]
@@ -149,7 +151,7 @@ fn pose(scan: &Scan, other: &Scan, name: String, path: &Path, any_size: bool) ->
             .expected("the scan in another pose, in the same unit")
             .hint("--example-scale auto, or export it in the unit of the scan"));
     }
-    if is_solid(here, &here.positions) * is_solid(here, &there.positions) < 0.0 {
+    if handedness(here, &here.positions) * handedness(here, &there.positions) < 0.0 {
         return Err(refused(format!("it is mirrored: what is outside in {of_scan} is inside here"))
             .expected("the scan in another pose")
             .hint("export it without a mirrored axis"));
@@ -180,18 +182,21 @@ fn edges(faces: &super::Faces, positions: &[DVec3]) -> Vec<f64> {
 }
 
 /// 1 where the faces enclose a volume, −1 where they do so inside out, 0 where they enclose hardly any.
-fn is_solid(mesh: &super::SurfaceMesh, positions: &[DVec3]) -> f64 {
+fn handedness(mesh: &super::SurfaceMesh, positions: &[DVec3]) -> f64 {
     let middle = positions.iter().sum::<DVec3>() / positions.len().max(1) as f64;
-    let (mut volume, mut area) = (0.0, 0.0);
+    let (mut volume, mut area, mut opening) = (0.0, 0.0, DVec3::ZERO);
     for face in mesh.faces.iter() {
         let at = |k: usize| positions[face[k] as usize] - middle;
         for k in 1..face.len().saturating_sub(1) {
             let cross = (at(k) - at(0)).cross(at(k + 1) - at(0));
             volume += at(0).dot(cross) / 6.0;
             area += cross.length() / 2.0;
+            opening += cross / 2.0;
         }
     }
-    if f64::abs(volume) > SOLID * area.powf(1.5) { volume.signum() } else { 0.0 }
+    // Areas of what is closed cancel.
+    let is_closed = opening.length() <= OPENING * area;
+    if is_closed && f64::abs(volume) > SOLID * area.powf(1.5) { volume.signum() } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -218,6 +223,12 @@ mod tests {
         let scan = super::super::read(&folder.path().join("scan.obj")).unwrap();
         let mut notes = Notes::default();
         (read_poses(&scan, &[folder.path().join("pose.obj")], any_size, &mut notes), notes)
+    }
+
+    fn parsed(text: &str) -> Scan {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("scan.obj"), text).unwrap();
+        super::super::read(&folder.path().join("scan.obj")).unwrap()
     }
 
     #[test]
@@ -250,6 +261,11 @@ mod tests {
         assert!(giant.contains("1000 times as large") || giant.contains("1,000 times as large"), "{giant}");
         let (poses, notes) = read_of_size(&obj(1000.0, FACES), true);
         assert!((poses.unwrap()[0].scale - 1000.0).abs() < 1e-9 && notes.is_empty());
+        // A sheet may bulge either way.
+        let sheet = |bulge: f64| format!("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0.5 0.5 {bulge}\n");
+        let faces = "f 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\n";
+        let (here, there) = (parsed(&(sheet(0.3) + faces)), parsed(&(sheet(-0.3) + faces)));
+        assert_eq!([&here, &there].map(|s| handedness(&s.mesh, &s.mesh.positions)), [0.0, 0.0]);
         let mirrored = text(&obj(1.0, FACES).replace("v 1 0 0", "v -1 0 0"));
         assert!(mirrored.contains("it is mirrored"), "{mirrored}");
     }

@@ -17,7 +17,7 @@ const CHUNK: usize = 256;
 /// The points of a normal vertex are asked for while so many others are worked on.
 const AHEAD: usize = 6;
 
-/// The corners of a surface, sorted by normal vertex. Memory: about 45 bytes per vertex of a triangle mesh.
+/// The corners of a surface, sorted by normal vertex. Memory: about 48 bytes per vertex of a triangle mesh.
 #[derive(Clone, Debug, Default)]
 pub struct Fans {
     vertices: usize,

@@ -73,8 +73,8 @@ fn what_nothing_drives_neither_stays_behind_nor_slides_away() {
             if f == 0 { body.start(&targets) } else { body.step(&targets) }.expect("solved");
             for (row, &p) in rows.iter().zip(&link) {
                 let off = row.apply(body.pose()).distance(q * p + shift);
-                // A turn about the joint lags: it feels a hundredth of the drag of the whole. What slid would be up to 2.3 away.
-                assert!(off < 0.01, "{kind:?}, frame {f}: {off} from where it was on the base");
+                // A turn that nothing drives lags by a hundredth, on a link that is 0.4 long. What slid would be up to 2.3 away.
+                assert!(off < 0.03, "{kind:?}, frame {f}: {off} from where it was on the base");
             }
         }
     }

@@ -238,7 +238,7 @@ impl Deformer for Joints {
         let Options { tolerance, iterations, .. } = self.options;
         let mut all = Solved::default();
         self.before.set(&self.state.pose);
-        let drag = Drag { weight: self.hold, light: LIGHT, free: SPEED / self.options.rate };
+        let drag = Drag { weight: self.hold, light: LIGHT, free: SPEED / (self.options.rate * steps) };
         for k in 1..=steps as u32 {
             let share = f64::from(k) / steps;
             for ((at, from), to) in self.way.iter_mut().zip(&self.last).zip(positions) {

@@ -138,7 +138,7 @@ impl Solver {
             self.system.solve()?;
             solved.released = self.release(state);
             share = if solved.steps < FULL { 1.0 } else { self.system.relaxation(share) };
-            solved.moved = self.step(&mut state.pose, share);
+            (solved.moved, share) = self.step(&mut state.pose, share);
             solved.steps += 1;
             if solved.settled(tolerance) {
                 break;
@@ -226,8 +226,8 @@ impl Solver {
         Some((depth, ground.up))
     }
 
-    /// Applies a part of the step; returns how far the whole of it moves anything.
-    fn step(&self, pose: &mut Pose, part: f64) -> f64 {
+    /// Applies a part of the step; returns how far the whole of it moves anything, and the part that was taken.
+    fn step(&self, pose: &mut Pose, part: f64) -> (f64, f64) {
         let count = pose.turns.len();
         let largest = (0..count).map(|v| self.system.step(v).0.length()).fold(0.0, f64::max);
         let share = part.min(LARGEST_TURN / largest);
@@ -240,7 +240,7 @@ impl Solver {
             pose.places[v] += shift;
             moved = moved.max(turn.abs().max_element()).max(shift.abs().max_element());
         }
-        moved / share
+        (moved / share, share)
     }
 
     /// The worst violation of the joints in a pose.

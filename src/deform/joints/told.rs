@@ -19,8 +19,8 @@ pub(super) type Axis = (DVec3, f64);
 /// What handles tell of each joint.
 #[derive(Debug)]
 pub(super) struct Told {
-    /// Handles that are on the side of `b` once a joint is cut; all of them where it closes a loop.
-    beyond: Vec<Vec<bool>>,
+    /// On which side each handle is once a joint is cut, 0 that of `a` and 1 that of `b`, also of all where the joint closes a loop; `None`: on another thing.
+    sides: Vec<Vec<Option<usize>>>,
     /// Axes of each joint.
     pub(super) axes: Vec<[Axis; 3]>,
 }
@@ -34,24 +34,30 @@ impl Told {
             let others = model.links.iter().enumerate().filter(|(other, _)| *other != k).map(|(_, l)| (l.a, l.b));
             let strains = model.strains.iter().map(|s| (s.a, s.b));
             others.chain(strains).for_each(|(a, b)| sets.unite(a as u32, b as u32));
-            let own = sets.find(model.links[k].b as u32);
-            holds.iter().map(|hold| sets.find(carrier(hold)) == own).collect()
+            let [a, b] = [model.links[k].a, model.links[k].b].map(|v| sets.find(v as u32));
+            let mut side = |hold: &Hold| match sets.find(carrier(hold)) {
+                set if set == b => Some(1),
+                set if set == a => Some(0),
+                _ => None,
+            };
+            holds.iter().map(&mut side).collect()
         };
-        Self { beyond: (0..model.links.len()).map(side).collect(), axes: vec![[(DVec3::X, 0.0); 3]; model.links.len()] }
+        Self { sides: (0..model.links.len()).map(side).collect(), axes: vec![[(DVec3::X, 0.0); 3]; model.links.len()] }
     }
 
     /// Measures in a pose. Joints that are told well feel the share `light` of the drag, those that are not all of it.
     pub(super) fn measure(&mut self, model: &Model, holds: &[Hold], betas: &[f64], presence: &[f64], pose: &Pose, light: f64) {
-        for ((link, beyond), axes) in model.links.iter().zip(&self.beyond).zip(&mut self.axes) {
+        for ((link, side), axes) in model.links.iter().zip(&self.sides).zip(&mut self.axes) {
             let turn = pose.turns[link.a];
             let centre = pose.point(model, link.a, link.centre);
             let mut sides = [DMat3::ZERO; 2];
             for (k, hold) in holds.iter().enumerate() {
+                let Some(side) = side[k] else { continue };
                 // Rows of directions have no place: their shares sum to zero.
                 let share: f64 = hold.iter().map(|h| h.1).sum();
                 let arm = turn.transpose() * (pose.hold(hold) - centre * share);
                 let about = DMat3::from_diagonal(DVec3::splat(arm.length_squared())) - outer(arm);
-                sides[usize::from(beyond[k])] += about * (betas[k] * presence[k]);
+                sides[side] += about * (betas[k] * presence[k]);
             }
             let told =
                 |axis: DVec3| sides.map(|side| axis.dot(side * axis)).into_iter().fold(f64::INFINITY, f64::min) / (ARM * ARM);

@@ -242,9 +242,8 @@ impl Mesh {
     }
 }
 
-/// Poses with a spread of 1, all but the first laid upon the first and rounded far below any detail: however an example is turned in its file, it is the
-/// same numbers here. Ties, of which a body that is alike on both sides has many, are broken by the last bits, and another coarse mesh may choose another
-/// crease.
+/// Poses with a spread of 1, all but the first laid upon the first and rounded far below any detail: however an example is turned, it is nearly always the same
+/// numbers here. Ties, of which a body that is alike on both sides has many, are broken by the last bits, and another coarse mesh may choose another crease.
 fn side_by_side(poses: &[&[DVec3]]) -> Vec<Vec<DVec3>> {
     let alike = |x: &[DVec3]| -> Vec<DVec3> {
         let scale = 1.0 / spread(x).max(f64::MIN_POSITIVE);

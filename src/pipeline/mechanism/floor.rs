@@ -1,6 +1,7 @@
 //! The floor of a take: that of a capture volume whose axes were set by eye leans, and whoever walks across it comes down or up by centimetres.
 
 use crate::binding::person::{Joints, Person};
+use crate::statistics::middle;
 use glam::{DMat2, DVec2, DVec3};
 
 /// A foot has come down while it is slower than this, in lengths of a leg per second, for so many seconds.
@@ -105,9 +106,7 @@ fn slope(falls: &[Footfall]) -> DVec2 {
 }
 
 fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
+    middle(&mut values.collect::<Vec<f64>>()).unwrap_or(0.0)
 }
 
 #[cfg(test)]

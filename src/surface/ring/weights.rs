@@ -1,9 +1,9 @@
 //! Weights of boundary faces: a biweight function around the foot point, faded by the distance along the boundary.
 //!
 //! The radius is 1.12 × the distance of the eighth nearest face centre: nine faces or so at any density of faces. It is as wide, by its second
-//! moment, as the paper's Wendland function over 1.5 times that distance, whose outer half of 17 faces has 2 % of the weight: poses of real
-//! takes differ by 0.02 mm, the angles between faces by 2 %, and half as much is to be read and blended. Around the foot point, not the vertex: debris far off the body would else take thousands of faces. The fade keeps an arm
-//! from following the trunk beside it.
+//! moment, as the paper's Wendland function over 1.5 times that distance, whose outer half of 17 faces has 2 % of the weight: poses of real takes
+//! differ by 0.02 mm, the angles between faces by 2 %, and half as much is to be read and blended. Around the foot point, not the vertex: debris far
+//! off the body would else take thousands of faces. The fade keeps an arm from following the trunk beside it.
 
 use super::super::Apart;
 use super::super::apply::Indices;
