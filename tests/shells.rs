@@ -78,8 +78,9 @@ fn handles_choose_how_much_of_each_example_is_in_a_frame() {
     assert!(without > 4.0 * off(&shells[20], 70.0, 100.0), "{without}");
     let [turned, plain] =
         ["turned.obj", "elbow.obj"].map(|elbow| run(&["--quality", "converged", "--examples", elbow, "shoulder.obj"]));
+    // As near as two ways to the same minimum end.
     for (a, b) in turned.iter().flatten().zip(plain.iter().flatten()) {
-        assert!((0..3).all(|k| (a[k] - b[k]).abs() < 2e-5), "{a:?} {b:?}");
+        assert!((0..3).all(|k| f64::from(a[k] - b[k]).abs() < 1e-5 * DIAGONAL), "{a:?} {b:?}");
     }
 }
 
